@@ -1,0 +1,57 @@
+# The two commands to know:   make demo   and   make test
+# Both do all their set-up themselves. Another interpreter: make test PYTHON=python3.12
+
+PYTHON ?= python3
+PYTEST_ARGS ?= -n 2
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.exumi-setup
+
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint types wheel-check check format public-api hooks clean
+
+help:  ## what can be made
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 22
+
+setup: $(STAMP)  ## a virtual environment in .venv with everything pinned
+
+$(STAMP): pyproject.toml constraints.txt exumi_data/_version.py
+	@$(PYTHON) scripts/check_python.py
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[train,test]"
+	@touch $(STAMP)
+
+demo: setup  ## a simulated play session: recorded, validated, measured, loaded, drawn
+	$(BIN)/exumi demo
+
+test: setup  ## the tests
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+lint: setup  ## style and the import contract
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-cache
+
+types: setup  ## mypy, strict
+	$(BIN)/mypy
+
+wheel-check: setup  ## sdist, wheel from it, fresh environment, import everything
+	$(BIN)/python scripts/check_wheel.py
+
+check: test lint types wheel-check  ## all of the above: what has to pass before a change goes in
+
+format: setup  ## put the code in order
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+public-api: setup  ## record the public names as they are now
+	$(BIN)/python scripts/public_api.py --write
+
+hooks: setup  ## run lint and types at every commit
+	$(BIN)/pre-commit install
+
+clean:  ## remove the environment, caches and build outputs
+	rm -rf $(VENV) build dist site .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,270 @@
+"""The catalog of a dataset: one row an episode; derived, never authoritative."""
+
+import hashlib
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from exumi_data.engine import Outcome, map_items
+from exumi_data.episode import Episode, open_episode
+from exumi_data.errors import ExumiError
+from exumi_data.store.digest import digest_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    import pyarrow as pa
+
+__all__ = [
+    "CATALOG_NAME",
+    "EPISODES_FOLDER",
+    "build_catalog",
+    "catalog_row",
+    "catalog_schema",
+    "episode_path",
+    "fingerprint",
+    "list_episodes",
+    "read_catalog",
+    "write_catalog",
+]
+
+CATALOG_NAME = "catalog.parquet"
+EPISODES_FOLDER = "episodes"
+_SUFFIXES = (".zarr", ".zarr.zip")
+_DEFAULT_ACTIVE_ABOVE = 1e-3
+
+
+def catalog_schema() -> "pa.Schema":
+    """Return the catalog's Arrow schema (spec: Catalog)."""
+    import pyarrow as pa  # slow to import
+
+    stream = pa.struct(
+        [
+            ("name", pa.string()),
+            ("kind", pa.string()),
+            ("encoding", pa.string()),
+            ("n", pa.int64()),
+            ("t0_ns", pa.int64()),
+            ("t1_ns", pa.int64()),
+            ("active", pa.int64()),
+        ]
+    )
+    label = pa.struct([("property", pa.string()), ("number", pa.float64()), ("text", pa.string())])
+    return pa.schema(
+        [
+            pa.field("id", pa.string(), nullable=False),
+            pa.field("path", pa.string(), nullable=False),
+            pa.field("revision", pa.int64(), nullable=False),
+            pa.field("root_sha256", pa.string(), nullable=False),
+            pa.field("derived_digest", pa.string()),
+            pa.field("digest", pa.string(), nullable=False),
+            pa.field("bytes", pa.int64(), nullable=False),
+            pa.field("start", pa.string()),
+            pa.field("duration_s", pa.float64(), nullable=False),
+            pa.field("regime", pa.string(), nullable=False),
+            pa.field("task", pa.string(), nullable=False),
+            pa.field("success", pa.bool_()),
+            pa.field("licence", pa.string(), nullable=False),
+            pa.field("object_id", pa.string()),
+            pa.field("part_id", pa.string()),
+            pa.field("instance_id", pa.string()),
+            pa.field("trial", pa.int64()),
+            pa.field("procedure", pa.string()),
+            pa.field("pad_type", pa.string()),
+            pa.field("labels", pa.list_(label), nullable=False),
+            pa.field("quality", pa.list_(pa.string()), nullable=False),
+            pa.field("streams", pa.list_(stream), nullable=False),
+        ]
+    )
+
+
+def episode_path(episode_id: str, *, packed: bool = False) -> str:
+    """Return an episode's path below the dataset: ``episodes/<xx>/<id>.zarr[.zip]``."""
+    suffix = ".zarr.zip" if packed else ".zarr"
+    return f"{EPISODES_FOLDER}/{episode_id[-2:]}/{episode_id}{suffix}"
+
+
+def list_episodes(root: Path) -> list[str]:
+    """List the finished episodes of a dataset, sorted by path.
+
+    Names that begin with a dot are half-written or put aside, and are no episodes.
+    """
+    import os  # scandir is an order of magnitude faster than pathlib here
+
+    found = []
+    base = root / EPISODES_FOLDER
+    if not base.is_dir():
+        return []
+    with os.scandir(base) as folders:
+        for folder in folders:
+            if folder.name.startswith(".") or not folder.is_dir(follow_symlinks=False):
+                continue
+            with os.scandir(folder.path) as entries:
+                found += [
+                    f"{EPISODES_FOLDER}/{folder.name}/{entry.name}"
+                    for entry in entries
+                    if entry.name.endswith(_SUFFIXES) and not entry.name.startswith(".")
+                ]
+    return sorted(found)
+
+
+def _label(label: Any) -> dict[str, Any]:
+    value = label.value
+    if isinstance(value, list):
+        value = "|".join(value)
+    is_number = isinstance(value, int | float)
+    return {
+        "property": label.property,
+        "number": float(value) if is_number else None,
+        "text": value if isinstance(value, str) else None,
+    }
+
+
+def catalog_row(episode: Episode, path: str) -> dict[str, Any]:
+    """Make an episode's row. Reads its times, activity and bytes (for the digest).
+
+    Parameters
+    ----------
+    episode : Episode
+    path : str
+        Relative to the dataset.
+    """
+    streams = []
+    for name, stream in episode.streams.items():
+        time = stream.time
+        activity = stream.activity if stream.kind == "tactile" else None
+        above = _DEFAULT_ACTIVE_ABOVE
+        if activity is not None and episode.derived is not None:
+            item = episode.derived.items[f"{name}/activity"]
+            above = float(item.parameters.get("active_above", above))
+        images = getattr(stream.metadata, "images", None)
+        streams.append(
+            {
+                "name": name,
+                "kind": stream.kind,
+                "encoding": None if images is None else images.encoding,
+                "n": len(time),
+                "t0_ns": int(time[0]) if len(time) else None,
+                "t1_ns": int(time[-1]) if len(time) else None,
+                "active": None if activity is None else int((activity > above).sum()),
+            }
+        )
+    meta, store = episode.metadata, episode.store
+    notes = meta.annotations
+    return {
+        "id": meta.id,
+        "path": path,
+        "revision": meta.revision,
+        "root_sha256": hashlib.sha256(store.read("zarr.json")).hexdigest(),
+        "derived_digest": None if episode.derived is None else digest_of(store, derived=True),
+        "digest": episode.digest(),
+        "bytes": sum(store.size(member) for member in store.paths()),
+        "start": meta.start,
+        "duration_s": episode.duration_s,
+        "regime": meta.regime,
+        "task": meta.task.name,
+        "success": meta.success,
+        "licence": meta.licence,
+        "object_id": notes.object_id if notes else None,
+        "part_id": notes.part_id if notes else None,
+        "instance_id": notes.instance_id if notes else None,
+        "trial": notes.trial if notes else None,
+        "procedure": notes.procedure if notes else None,
+        "pad_type": notes.pad_type if notes else None,
+        "labels": [_label(label) for label in (notes.labels if notes else None) or []],
+        "quality": [note.code for note in meta.quality],
+        "streams": streams,
+    }
+
+
+def _row_of(path: str, *, root: str) -> dict[str, Any]:
+    with open_episode(f"{root}/{path}") as episode:
+        return catalog_row(episode, path)
+
+
+def build_catalog(
+    root: Path,
+    *,
+    paths: "Sequence[str] | None" = None,
+    workers: int | None = None,
+    on_done: "Callable[[Outcome[str, dict[str, Any]]], None] | None" = None,
+) -> "tuple[pa.Table, list[Outcome[str, dict[str, Any]]]]":
+    """Read episodes and make the catalog.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+        The dataset.
+    paths : sequence of str, optional
+        Relative paths; default all episodes.
+    workers : int, optional
+    on_done : callable, optional
+        Told of each outcome, for progress.
+
+    Returns
+    -------
+    catalog : pyarrow.Table
+        Sorted by path.
+    failed : list of Outcome
+        The episodes that could not be read.
+    """
+    rows, failed = [], []
+    todo = list_episodes(root) if paths is None else list(paths)
+    # A few episodes are read faster than processes start.
+    single = len(todo) < 64
+    outcomes = map_items(partial(_row_of, root=str(root)), todo, workers=1 if single else workers)
+    for outcome in outcomes:
+        if outcome.value is not None:
+            rows.append(outcome.value)
+        elif isinstance(outcome.error, ExumiError):
+            failed.append(outcome)
+        elif outcome.error is not None:
+            raise outcome.error
+        if on_done is not None:
+            on_done(outcome)
+    return rows_to_table(rows), failed
+
+
+def rows_to_table(rows: "Iterable[dict[str, Any]]") -> "pa.Table":
+    """Turn rows into a catalog table, sorted by path."""
+    import pyarrow as pa
+
+    return pa.Table.from_pylist(
+        sorted(rows, key=lambda row: str(row["path"])), schema=catalog_schema()
+    )
+
+
+def write_catalog(root: Path, table: "pa.Table") -> Path:
+    """Write ``catalog.parquet``, whole or not at all."""
+    import pyarrow.parquet as pq
+
+    from exumi_data.store.files import atomic_file
+
+    target = root / CATALOG_NAME
+    with atomic_file(target) as temporary:
+        pq.write_table(table, temporary, compression="zstd")
+    return target
+
+
+def read_catalog(root: Path) -> "pa.Table | None":
+    """Read ``catalog.parquet``; None when it is missing, unreadable or of another schema."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(root / CATALOG_NAME, memory_map=False)
+    except (FileNotFoundError, pa.ArrowException, OSError):
+        return None
+    wanted = catalog_schema()
+    if not set(wanted.names) <= set(table.schema.names):
+        return None
+    return table
+
+
+def fingerprint(table: "pa.Table") -> str:
+    """Return the digest of a catalog's content: what a cache of windows is keyed by."""
+    state = hashlib.sha256()
+    columns = ("id", "revision", "root_sha256", "derived_digest", "digest")
+    for row in zip(*(table.column(name).to_pylist() for name in columns), strict=True):
+        state.update(repr(row).encode())
+    return state.hexdigest()

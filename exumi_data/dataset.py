@@ -1,0 +1,271 @@
+"""A dataset: a folder of episodes with a catalog."""
+
+import os
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, SupportsIndex, overload
+
+from exumi_data.episode import Episode, open_episode
+from exumi_data.errors import DamagedDataError, NotAnEpisodeError, UsageError
+from exumi_data.model.dataset import DatasetMetadata, SplitDocument
+from exumi_data.model.documents import dump, parse_dataset, parse_split
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+__all__ = ["CatalogWarning", "Dataset", "create_dataset", "open_dataset"]
+
+DATASET_DOCUMENT = "dataset.json"
+
+
+class CatalogWarning(UserWarning):
+    """The catalog is missing or stale and was built in memory."""
+
+
+class Dataset:
+    """A dataset, or a selection of its episodes, opened for reading.
+
+    Attributes
+    ----------
+    path : str
+    metadata : DatasetMetadata
+    catalog : pyarrow.Table
+        One row an episode, in the order of this object.
+    """
+
+    def __init__(self, path: str, metadata: DatasetMetadata, catalog: "pa.Table") -> None:
+        self.path = path
+        self.metadata = metadata
+        self.catalog = catalog
+
+    def __repr__(self) -> str:
+        return f"<Dataset {self.metadata.name!r}, {len(self)} episodes>"
+
+    def __len__(self) -> int:
+        return int(self.catalog.num_rows)
+
+    @cached_property
+    def ids(self) -> list[str]:
+        """Episode ids, in order."""
+        return list(self.catalog.column("id").to_pylist())
+
+    @cached_property
+    def _position(self) -> dict[str, int]:
+        return {episode_id: index for index, episode_id in enumerate(self.ids)}
+
+    def __contains__(self, episode_id: object) -> bool:
+        return episode_id in self._position
+
+    @overload
+    def __getitem__(self, key: SupportsIndex | str) -> Episode: ...
+    @overload
+    def __getitem__(self, key: slice) -> "Dataset": ...
+    def __getitem__(self, key: SupportsIndex | str | slice) -> "Episode | Dataset":
+        """Open an episode by position or id; a slice selects."""
+        if isinstance(key, slice):
+            return self._view(list(range(len(self)))[key])
+        if isinstance(key, str):
+            if key not in self._position:
+                raise UsageError(f"no episode {key!r}", where=self.path)
+            return self._open(self._position[key])
+        index = key.__index__()
+        if not -len(self) <= index < len(self):
+            msg = f"episode {index} of {len(self)}"
+            raise IndexError(msg)
+        return self._open(index % len(self))
+
+    def __iter__(self) -> Iterator[Episode]:
+        for index in range(len(self)):
+            yield self._open(index)
+
+    def episode_location(self, index: int) -> str:
+        """Return the full path of an episode."""
+        from exumi_data.store.paths import check_member_path
+
+        relative = self.catalog.column("path")[index].as_py()
+        return f"{self.path}/{check_member_path(relative, self.path)}"
+
+    def _open(self, index: int) -> Episode:
+        episode = open_episode(self.episode_location(index))
+        if episode.id != self.ids[index]:
+            raise DamagedDataError(
+                f"the catalog says {self.ids[index]}, the episode says {episode.id}",
+                where=episode.path,
+                fix=f"Write the catalog again with: exumi index {self.path}",
+            )
+        return episode
+
+    def _view(self, indices: Sequence[int]) -> "Dataset":
+        return Dataset(self.path, self.metadata, self.catalog.take(list(indices)))
+
+    def select(
+        self,
+        ids: Sequence[str] | None = None,
+        *,
+        where: "pc.Expression | None" = None,
+        **equals: Any,
+    ) -> "Dataset":
+        """Select episodes.
+
+        Parameters
+        ----------
+        ids : sequence of str, optional
+            Episode ids, in the wanted order.
+        where : pyarrow.compute.Expression, optional
+            A filter over the catalog's columns.
+        **equals
+            Column = value, or column = collection of values; `stream="tactile_left"` and
+            `kind="tactile"` ask for episodes that have such a stream.
+
+        Returns
+        -------
+        Dataset
+
+        Raises
+        ------
+        UsageError
+            An unknown id or column.
+
+        Examples
+        --------
+        >>> ds.select(part_id=["egg", "rice"], kind="tactile")  # doctest: +SKIP
+        """
+        view = self
+        if ids is not None:
+            unknown = [episode_id for episode_id in ids if episode_id not in self._position]
+            if unknown:
+                raise UsageError(f"no episode {unknown[0]!r}", where=self.path)
+            view = view._view([self._position[episode_id] for episode_id in ids])
+        for column, value in equals.items():
+            wanted = (
+                {value}
+                if isinstance(value, str) or not isinstance(value, list | set | tuple)
+                else set(value)
+            )
+            view = view._view(view._matching(column, wanted))
+        if where is not None:
+            view = Dataset(view.path, view.metadata, view.catalog.filter(where))
+        return view
+
+    def _matching(self, column: str, wanted: set[Any]) -> list[int]:
+        if column in ("stream", "kind"):
+            field = "name" if column == "stream" else "kind"
+            streams = self.catalog.column("streams").to_pylist()
+            return [i for i, row in enumerate(streams) if any(s[field] in wanted for s in row)]
+        if column not in self.catalog.schema.names:
+            raise UsageError(
+                f"the catalog has no column {column!r}",
+                where=self.path,
+                fix=f"It has: {', '.join(self.catalog.schema.names)}.",
+            )
+        values = self.catalog.column(column).to_pylist()
+        return [i for i, value in enumerate(values) if value in wanted]
+
+    @cached_property
+    def splits(self) -> Mapping[str, SplitDocument]:
+        """The named splits stored with the dataset."""
+        found = {}
+        for name in self.metadata.splits:
+            path = Path(self.path, "splits", f"{name}.json")
+            try:
+                found[name] = parse_split(path.read_bytes(), path)
+            except FileNotFoundError:
+                raise DamagedDataError(
+                    f"dataset.json names a split {name!r} that is not there", where=path
+                ) from None
+        return found
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Digest of the selection's content: changes whenever an episode does."""
+        from exumi_data.catalog import fingerprint
+
+        return fingerprint(self.catalog)
+
+
+def open_dataset(path: str | os.PathLike[str]) -> Dataset:
+    """Open a dataset folder.
+
+    A missing or stale catalog is built in memory, with one `CatalogWarning`.
+
+    Raises
+    ------
+    NotAnEpisodeError
+        No ``dataset.json``.
+    MetadataError, UnsupportedError
+        It breaks the standard, or is newer.
+    """
+    from exumi_data import catalog as catalogs  # pyarrow is slow to import
+
+    root = Path(path)
+    try:
+        raw = (root / DATASET_DOCUMENT).read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        raise NotAnEpisodeError(
+            "no dataset.json: not an exUMI dataset",
+            where=path,
+            fix="Make one with: exumi convert SRC DST",
+        ) from None
+    metadata = parse_dataset(raw, root / DATASET_DOCUMENT)
+    table = catalogs.read_catalog(root)
+    present = catalogs.list_episodes(root)
+    known = [] if table is None else table.column("path").to_pylist()
+    if table is None or set(known) != set(present):
+        warnings.warn(
+            f"{root}: the catalog is {'missing' if table is None else 'stale'} and was built in "
+            f"memory. Write it with: exumi index {root}",
+            CatalogWarning,
+            stacklevel=3,
+        )
+        new = [p for p in present if p not in set(known)]
+        added, failed = catalogs.build_catalog(root, paths=new)
+        if failed:
+            first = failed[0]
+            raise DamagedDataError(
+                f"{len(failed)} episode(s) cannot be read; the first: {first.error}",
+                where=root,
+                fix=f"See all with: exumi validate {root}",
+            )
+        if table is not None:
+            rows = [r for r in table.to_pylist() if r["path"] in set(present)]
+            table = catalogs.rows_to_table(rows + added.to_pylist())
+        else:
+            table = added
+    return Dataset(str(path).rstrip("/") or "/", metadata, table)
+
+
+def create_dataset(path: str | os.PathLike[str], metadata: DatasetMetadata) -> Path:
+    """Make a dataset folder, or take up an existing one of the same name.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    UsageError
+        The folder holds something else.
+    """
+    import json
+
+    from exumi_data.store.files import write_atomic
+
+    root = Path(path)
+    document = root / DATASET_DOCUMENT
+    if document.exists():
+        return root
+    if root.exists() and (not root.is_dir() or any(root.iterdir())):
+        raise UsageError(
+            "exists and is no exUMI dataset",
+            where=root,
+            fix="Name a new or empty folder.",
+        )
+    (root / "episodes").mkdir(parents=True, exist_ok=True)
+    write_atomic(
+        document, (json.dumps(dump(metadata), indent=1, ensure_ascii=False) + "\n").encode()
+    )
+    return root

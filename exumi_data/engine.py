@@ -1,0 +1,147 @@
+"""Map a function over episodes with processes: bounded queues, crashes named, Ctrl-C clean."""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from exumi_data.errors import ExumiError
+
+__all__ = ["Outcome", "default_workers", "map_items"]
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+
+_QUEUED_PER_WORKER = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome(Generic[Item, Value]):
+    """What became of one item: `value`, or `error`."""
+
+    item: Item
+    value: Value | None
+    error: Exception | None
+
+
+def default_workers() -> int:
+    """Return how many processes this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def _stop(*_: object) -> None:
+    raise SystemExit(1)
+
+
+def _prepare_worker() -> None:
+    # Ctrl-C reaches every process of the terminal; only the parent acts on it, and tells the
+    # workers with SIGTERM, which unwinds them so that they remove what they had half written.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _stop)
+    import cv2  # workers alone need it
+
+    cv2.setNumThreads(1)
+
+
+def map_items(
+    function: Callable[[Item], Value], items: Iterable[Item], *, workers: int | None = None
+) -> Iterator[Outcome[Item, Value]]:
+    """Call `function` on every item; yield outcomes as they come, in any order.
+
+    Parameters
+    ----------
+    function : callable
+        A module-level function (or partial of one): it is sent to other processes.
+    items : iterable
+        Taken as needed: at most a few per worker are under way.
+    workers : int, optional
+        Processes; default all cores; 1 runs in this process.
+
+    Yields
+    ------
+    Outcome
+        An exception of `function` is an outcome, never a stop. A worker that dies (out of memory,
+        a crash in a codec) is an outcome of the item that killed it; the others are done again.
+    """
+    workers = workers or default_workers()
+    if workers == 1:
+        for item in items:
+            yield _call(function, item)
+        return
+    source = iter(items)
+    while True:
+        suspects = yield from _run_pool(function, source, workers)
+        if not suspects:
+            return
+        # A pool broke. Each item that was under way is tried alone: the one that breaks a pool
+        # of its own is the culprit.
+        for item in suspects:
+            yield _alone(function, item)
+
+
+def _call(function: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]:
+    try:
+        return Outcome(item, function(item), None)
+    except Exception as error:  # noqa: BLE001  # every failure is an outcome
+        return Outcome(item, None, error)
+
+
+def _pool(workers: int) -> ProcessPoolExecutor:
+    context = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
+
+
+def _alone(function: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]:
+    with _pool(1) as pool:
+        future = pool.submit(_call, function, item)
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            return Outcome(item, None, _crash())
+
+
+def _crash() -> ExumiError:
+    return ExumiError(
+        "the worker process died while it was working on this (a crash in a codec, or out of "
+        "memory)",
+        fix="Try again with --workers 1 to see where.",
+    )
+
+
+def _run_pool(
+    function: Callable[[Item], Value], source: Iterator[Item], workers: int
+) -> Generator[Outcome[Item, Value], None, list[Item]]:
+    """Run items until the source ends; return those under way if the pool breaks."""
+    pool = _pool(workers)
+    pending: dict[Future[Outcome[Item, Value]], Item] = {}
+    exhausted = False
+    try:
+        while True:
+            while not exhausted and len(pending) < workers * _QUEUED_PER_WORKER:
+                try:
+                    item = next(source)
+                except StopIteration:
+                    exhausted = True
+                    break
+                pending[pool.submit(_call, function, item)] = item
+            if not pending:
+                return []
+            done, _ = wait(pending, return_when=FIRST_COMPLETED)
+            for future in done:
+                item = pending[future]
+                outcome = future.result()
+                del pending[future]
+                yield outcome
+    except BrokenProcessPool:
+        return list(pending.values())
+    except BaseException:
+        for process in list(pool._processes.values()):  # no public way to stop
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

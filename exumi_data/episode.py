@@ -1,0 +1,323 @@
+"""An episode, read: metadata at once, arrays and frames when they are asked for."""
+
+import os
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exumi_data.errors import DamagedDataError, NotAnEpisodeError, UsageError
+from exumi_data.model.documents import parse_derived, parse_episode
+from exumi_data.model.episode import DerivedMetadata, EpisodeMetadata
+from exumi_data.model.images import EncodedImages, VideoImages
+from exumi_data.model.streams import StreamModel
+from exumi_data.store.access import FolderStore, ZipStore, open_store
+
+if TYPE_CHECKING:
+    from exumi_data.store.images import EncodedFrames, Frames, VideoStreamFrames
+
+__all__ = ["Episode", "StreamView", "open_episode"]
+
+
+class StreamView:
+    """One stream of an episode.
+
+    Attributes
+    ----------
+    name, kind : str
+    metadata : StreamModel
+        Clock, sensor, encoding and so on.
+    """
+
+    def __init__(self, episode: "Episode", name: str, metadata: StreamModel) -> None:
+        self.name = name
+        self.kind = metadata.kind
+        self.metadata = metadata
+        self._episode = episode
+        self._path = f"streams/{name}"
+
+    def __repr__(self) -> str:
+        return f"<{self.kind} stream {self.name!r} of episode {self._episode.id}>"
+
+    def __len__(self) -> int:
+        from exumi_data.store.shards import open_array
+
+        return open_array(self._episode.store, f"{self._path}/time").shape[0]
+
+    def array(self, name: str) -> np.ndarray:
+        """Return one of the stream's arrays by name, whole.
+
+        Raises
+        ------
+        UsageError
+            The stream has no such array.
+        DamagedDataError
+            It has, but the array is missing or damaged.
+        """
+        from exumi_data.store.shards import open_array  # keeps the import light
+
+        if name not in self.metadata.arrays:
+            raise UsageError(
+                f"stream {self.name!r} has no array {name!r}",
+                where=self._episode.path,
+                fix=f"It has: {', '.join(self.metadata.arrays)}.",
+            )
+        return open_array(self._episode.store, f"{self._path}/{name}").read()
+
+    def _optional(self, name: str) -> np.ndarray | None:
+        return self.array(name) if name in self.metadata.arrays else None
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """(N,) int64: nanoseconds since the episode's start, strictly increasing."""
+        return self.array("time")
+
+    @property
+    def time_host(self) -> np.ndarray | None:
+        """(N,) int64 or None: the hub's monotonic clock, ns."""
+        return self._optional("time_host")
+
+    @property
+    def time_device(self) -> np.ndarray | None:
+        """(N,) int64 or None: the device's own clock, in ``metadata.time_device_unit``."""
+        return self._optional("time_device")
+
+    @property
+    def sequence(self) -> np.ndarray | None:
+        """(N,) uint64 or None: the device's own sample counter."""
+        return self._optional("sequence")
+
+    @property
+    def flags(self) -> np.ndarray | None:
+        """(N,) uint32 or None: bits of the registry."""
+        return self._optional("flags")
+
+    @property
+    def data(self) -> np.ndarray:
+        """The stream's values; pose (N, 7) float64, width (N,) float32 m, taxels (N, R, C)."""
+        return self.array("data")
+
+    @property
+    def raw(self) -> np.ndarray | None:
+        """The device's own values, or None."""
+        return self._optional("raw")
+
+    @property
+    def is_image(self) -> bool:
+        """Whether the stream holds frames."""
+        return getattr(self.metadata, "images", None) is not None
+
+    @cached_property
+    def _frame_source(self) -> object:
+        from exumi_data.store.images import open_frames  # needs an image codec
+
+        images = getattr(self.metadata, "images", None)
+        if images is None:
+            raise UsageError(
+                f"stream {self.name!r} is of kind {self.kind} and has no frames",
+                where=self._episode.path,
+            )
+        return open_frames(self._episode.store, self._path, images, len(self))
+
+    @cached_property
+    def frames(self) -> "Frames":
+        """Frames: ``frames[i]`` is (H, W, C) uint8, slices and index arrays give (N, H, W, C)."""
+        from exumi_data.store.images import Frames
+
+        where = f"{self._episode.path}/{self._path}"
+        return Frames(self._frame_source, self.metadata.images, where)  # type: ignore[arg-type,attr-defined]  # checked in _frame_source
+
+    def encoded(self, index: int) -> bytes:
+        """Return the bytes of one frame's own file, as the camera made them.
+
+        Raises
+        ------
+        UsageError
+            The stream's frames are no files of their own.
+        """
+        if not isinstance(getattr(self.metadata, "images", None), EncodedImages):
+            raise UsageError(
+                f"frames of stream {self.name!r} are not stored as files of their own",
+                where=self._episode.path,
+                fix="Use .frames[i] for pixels, or .container(file) for a video file.",
+            )
+        source: EncodedFrames = self._frame_source  # type: ignore[assignment]  # by its encoding
+        count = len(source)
+        if not -count <= index < count:
+            msg = f"frame {index} of {count}"
+            raise IndexError(msg)
+        return source.file(index % count)
+
+    def container(self, file: int = 0) -> bytes:
+        """Return the bytes of one video file, verbatim.
+
+        Raises
+        ------
+        UsageError
+            The stream is not stored as video.
+        """
+        if not isinstance(getattr(self.metadata, "images", None), VideoImages):
+            raise UsageError(
+                f"stream {self.name!r} is not stored as video", where=self._episode.path
+            )
+        source: VideoStreamFrames = self._frame_source  # type: ignore[assignment]  # by its encoding
+        return source.container(file)
+
+    @cached_property
+    def reference(self) -> np.ndarray | None:
+        """(H, W, C) uint8 or None: the image without contact (tactile streams)."""
+        return self._optional("reference")
+
+    @property
+    def valid(self) -> np.ndarray | None:
+        """(R, C) bool or None: which taxels are alive."""
+        return self._optional("valid")
+
+    @cached_property
+    def activity(self) -> np.ndarray | None:
+        """(N,) float32 or None: fraction of active pixels of each tactile frame (derived)."""
+        return self._episode.derived_array(f"{self.name}/activity")
+
+    @property
+    def salient(self) -> np.ndarray | None:
+        """(K,) int64 or None: indices of the salient frames (derived)."""
+        return self._episode.derived_array(f"{self.name}/salient")
+
+
+class Episode:
+    """An episode: a folder or a packed zip, opened for reading. Reading never writes.
+
+    Attributes
+    ----------
+    metadata : EpisodeMetadata
+    streams : mapping of str to StreamView
+    path : str
+    """
+
+    def __init__(self, store: FolderStore | ZipStore) -> None:
+        self.store = store
+        self.path = store.location
+        try:
+            raw = store.read("zarr.json")
+        except FileNotFoundError:
+            raise NotAnEpisodeError(
+                "no zarr.json: not an exUMI Episode, or one that was never finished",
+                where=self.path,
+            ) from None
+        self.metadata: EpisodeMetadata = parse_episode(raw, f"{self.path}/zarr.json")
+        self._streams = {
+            name: StreamView(self, name, model) for name, model in self.metadata.streams.items()
+        }
+
+    @property
+    def id(self) -> str:
+        """The episode's id, a UUID."""
+        return self.metadata.id
+
+    @property
+    def streams(self) -> Mapping[str, StreamView]:
+        """The streams by name."""
+        return MappingProxyType(self._streams)
+
+    def __getitem__(self, name: str) -> StreamView:
+        try:
+            return self._streams[name]
+        except KeyError:
+            raise UsageError(
+                f"no stream {name!r}",
+                where=self.path,
+                fix=f"The episode has: {', '.join(self._streams) or 'none'}.",
+            ) from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._streams
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._streams)
+
+    def __repr__(self) -> str:
+        return f"<Episode {self.id} ({', '.join(self._streams)})>"
+
+    def of_kind(self, kind: str) -> list[StreamView]:
+        """List the streams of a kind, in their order."""
+        return [stream for stream in self._streams.values() if stream.kind == kind]
+
+    @cached_property
+    def derived(self) -> DerivedMetadata | None:
+        """What is known of the derived arrays, or None when there are none."""
+        try:
+            raw = self.store.read("derived/zarr.json")
+        except FileNotFoundError:
+            return None
+        return parse_derived(raw, f"{self.path}/derived/zarr.json")
+
+    def derived_array(self, key: str) -> np.ndarray | None:
+        """Return a derived array by ``<stream>/<name>``, or None when it was not computed."""
+        from exumi_data.store.shards import open_array  # keeps the import light
+
+        if self.derived is None or key not in self.derived.items:
+            return None
+        return open_array(self.store, f"derived/{key}").read()
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last sample of any stream, seconds."""
+        ends = [(s.time[0], s.time[-1]) for s in self._streams.values() if len(s.time)]
+        if not ends:
+            return 0.0
+        return float(max(b for _, b in ends) - min(a for a, _ in ends)) * 1e-9
+
+    def digest(self) -> str:
+        """Compute the episode's digest (sha-256, without ``derived/``)."""
+        from exumi_data.store.digest import digest_of
+
+        return digest_of(self.store)
+
+    def check_complete(self) -> None:
+        """Check that every array and every shard is there; reads no data.
+
+        Raises
+        ------
+        DamagedDataError
+            Names the first that is missing.
+        """
+        from exumi_data.store.shards import open_array
+
+        for name, stream in self._streams.items():
+            for array in stream.metadata.arrays:
+                open_array(self.store, f"streams/{name}/{array}").check_shards()
+        for key in self.derived.items if self.derived else ():
+            open_array(self.store, f"derived/{key}").check_shards()
+
+    def close(self) -> None:
+        """Close open files."""
+        self.store.close()
+
+    def __enter__(self) -> "Episode":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (open_episode, (self.path,))
+
+
+def open_episode(path: str | os.PathLike[str]) -> Episode:
+    """Open one episode: a ``.zarr`` folder or a ``.zarr.zip``.
+
+    Raises
+    ------
+    NotAnEpisodeError, MetadataError, UnsupportedError, DamagedDataError
+    """
+    text = os.fspath(path)
+    name = text.rstrip("/").rpartition("/")[2]
+    if name.startswith(".partial-"):
+        raise DamagedDataError(
+            "an episode that was never finished",
+            where=text,
+            fix="Run the command that was writing it again; it starts this episode anew.",
+        )
+    return Episode(open_store(text))

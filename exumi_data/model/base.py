@@ -1,0 +1,88 @@
+"""What all metadata models share: strictness, patterns, and how unknown keys are treated."""
+
+import re
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic_core.core_schema import ValidationInfo
+
+__all__ = [
+    "EXTENSION_KEY",
+    "ArrayName",
+    "EpisodeId",
+    "ExtensionKind",
+    "Identifier",
+    "Model",
+    "Rational",
+    "Sha256",
+    "StreamName",
+    "Timestamp",
+    "Version",
+]
+
+EXTENSION_KEY = r"^[a-z][a-z0-9-]*:[A-Za-z][A-Za-z0-9_.-]*$"
+"""Keys and kinds of third parties look like ``vendor:name``."""
+
+_EXTENSION_KEY = re.compile(EXTENSION_KEY)
+
+StreamName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+ArrayName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+ExtensionKind = Annotated[str, StringConstraints(pattern=EXTENSION_KEY)]
+Identifier = Annotated[str, StringConstraints(pattern=r"^\S(.{0,253}\S)?$")]
+EpisodeId = Annotated[
+    str,
+    StringConstraints(pattern=r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"),
+]
+Version = Annotated[str, StringConstraints(pattern=r"^(0|[1-9][0-9]*)\.(0|[1-9][0-9]*)$")]
+Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+# Nanoseconds do not survive a datetime (it holds microseconds), so times are patterned strings.
+Timestamp = Annotated[
+    str,
+    StringConstraints(
+        pattern=r"^\d{4}-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])"
+        r"T([01]\d|2[0-3]):[0-5]\d:([0-5]\d|60)(\.\d{1,9})?Z$"
+    ),
+]
+# 60000/1001 is a rate; 59.94 is a rounding of it.
+Rational = Annotated[str, StringConstraints(pattern=r"^[1-9][0-9]{0,17}(/[1-9][0-9]{0,17})?$")]
+
+
+def _extension_schema(schema: dict[str, Any]) -> None:
+    schema["additionalProperties"] = False
+    schema["patternProperties"] = {EXTENSION_KEY: {}}
+
+
+class Model(BaseModel):
+    """Base of all metadata models.
+
+    Strict (no silent conversion), no NaN or infinity, and unknown keys are *kept*: a key
+    ``vendor:name`` is an extension; any other unknown key is an error in a document of a known
+    version and is kept in a document of a newer minor version (validation context
+    ``{"newer_minor": True}``).
+    """
+
+    model_config = ConfigDict(
+        strict=True,
+        extra="allow",
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+        validate_assignment=True,
+        json_schema_extra=_extension_schema,
+        ser_json_inf_nan="constants",
+    )
+
+    @model_validator(mode="after")
+    def _unknown_keys(self, info: ValidationInfo) -> "Model":
+        if self.model_extra and not (info.context or {}).get("newer_minor"):
+            unknown = [key for key in self.model_extra if not _EXTENSION_KEY.match(key)]
+            if unknown:
+                msg = (
+                    f"unknown key {', '.join(sorted(unknown))!r}; "
+                    "keys of third parties are named vendor:name"
+                )
+                raise ValueError(msg)
+        return self
+
+
+NonNegative = Annotated[int, Field(ge=0)]
+Positive = Annotated[int, Field(gt=0)]

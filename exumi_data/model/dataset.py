@@ -1,0 +1,49 @@
+"""Documents of a dataset: ``dataset.json`` and ``splits/<name>.json``."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from exumi_data.model.base import EpisodeId, Identifier, Model, Version
+from exumi_data.model.episode import FORMAT_VERSION
+
+__all__ = ["DATASET_FORMAT", "DatasetMetadata", "MadeBy", "SplitDocument"]
+
+DATASET_FORMAT = "exumi-dataset"
+
+
+class MadeBy(Model):
+    """How the dataset was made."""
+
+    tool: Identifier
+    tool_version: Identifier
+    command: str | None = None
+    settings: dict[str, Any] | None = None
+
+
+class DatasetMetadata(Model):
+    """``dataset.json``."""
+
+    format: Literal["exumi-dataset"] = "exumi-dataset"
+    version: Version = FORMAT_VERSION
+    name: Identifier
+    description: str | None = None
+    licence: Identifier
+    authors: list[str] = []
+    citation: str | None = None
+    splits: list[Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]] = []
+    """Names of the files in ``splits/``."""
+    made_by: MadeBy | None = None
+
+
+class SplitDocument(Model):
+    """``splits/<name>.json``: named lists of episode ids."""
+
+    format: Literal["exumi-split"] = "exumi-split"
+    version: Version = FORMAT_VERSION
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
+    level: Literal["episode", "object", "part"]
+    """What is kept together: all episodes of an object or part fall into the same list."""
+    seed: int | None = None
+    method: str | None = None
+    lists: dict[Identifier, list[EpisodeId]]

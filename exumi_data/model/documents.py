@@ -1,0 +1,262 @@
+"""Reading and writing the documents of the format: versions first, then the model.
+
+All problems of a document are collected, each as ``message @ $.json.path``.
+"""
+
+import json
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from exumi_data.errors import MetadataError, UnsupportedError
+from exumi_data.model.base import Model
+from exumi_data.model.dataset import DATASET_FORMAT, DatasetMetadata, SplitDocument
+from exumi_data.model.episode import (
+    CONVENTION,
+    EPISODE_FORMAT,
+    FORMAT_VERSION,
+    DerivedMetadata,
+    EpisodeMetadata,
+)
+
+__all__ = [
+    "KNOWN_FEATURES",
+    "check_requires",
+    "check_version",
+    "derived_group_document",
+    "dump",
+    "episode_root_document",
+    "group_document",
+    "json_path",
+    "load_json",
+    "parse_dataset",
+    "parse_derived",
+    "parse_episode",
+    "parse_split",
+    "problems_of",
+]
+
+KNOWN_FEATURES: frozenset[str] = frozenset()
+"""Entries of ``requires`` that this version understands: 1.0 defines none."""
+
+_MAX_DOCUMENT_BYTES = 64 << 20
+
+M = TypeVar("M", bound=Model)
+
+
+def load_json(raw: bytes, where: object) -> dict[str, Any]:
+    """Parse a JSON object.
+
+    Raises
+    ------
+    MetadataError
+        Not UTF-8, not JSON, not an object, or larger than 64 MiB.
+    """
+    if len(raw) > _MAX_DOCUMENT_BYTES:
+        raise MetadataError("metadata document is larger than 64 MiB", where=where)
+    try:
+        value = json.loads(raw)
+    except RecursionError:
+        raise MetadataError("JSON is nested too deeply", where=where) from None
+    except ValueError as error:
+        raise MetadataError(
+            f"not valid JSON ({error})", where=where, fix="The file is damaged; restore it."
+        ) from None
+    if not isinstance(value, dict):
+        raise MetadataError("expected a JSON object", where=where)
+    return value
+
+
+def check_version(document: dict[str, Any], expected_format: str, where: object) -> bool:
+    """Check ``format`` and ``version``.
+
+    Returns
+    -------
+    bool
+        True when the document is of a newer minor version, whose unknown keys are kept.
+
+    Raises
+    ------
+    MetadataError
+        Another format, or no readable version.
+    UnsupportedError
+        A newer major version.
+    """
+    if document.get("format") != expected_format:
+        raise MetadataError(
+            f"expected format {expected_format!r}, found {document.get('format')!r}", where=where
+        )
+    version = document.get("version")
+    parts = version.split(".") if isinstance(version, str) else []
+    if len(parts) != 2 or not all(
+        part.isascii() and part.isdigit() for part in parts
+    ):  # major.minor
+        raise MetadataError(f"version {version!r} is not major.minor", where=where)
+    if any(len(part) > 9 for part in parts):  # no version has ten digits
+        raise MetadataError(f"version {version!r} is not major.minor", where=where)
+    major, minor = (int(part) for part in parts)
+    known_major, known_minor = (int(part) for part in FORMAT_VERSION.split("."))
+    if major > known_major:
+        raise UnsupportedError(
+            f"{expected_format} version {version} is newer than this library, "
+            f"which reads up to {known_major}.x",
+            where=where,
+            fix='Upgrade with: pip install -U "exumi-data"',
+        )
+    if major < known_major:
+        raise UnsupportedError(f"{expected_format} version {version} does not exist", where=where)
+    return minor > known_minor
+
+
+def check_requires(document: dict[str, Any], where: object) -> None:
+    """Refuse a document that needs a feature which this library does not know.
+
+    Raises
+    ------
+    UnsupportedError
+        Names the unknown features.
+    """
+    requires = document.get("requires", [])
+    names = requires if isinstance(requires, list) else [requires]
+    unknown = sorted({str(name) for name in names} - KNOWN_FEATURES)
+    if unknown:
+        raise UnsupportedError(
+            f"requires {', '.join(unknown)}, which this library does not know "
+            f"(format version {document.get('version')})",
+            where=where,
+            fix='Upgrade with: pip install -U "exumi-data", or install the extension it names.',
+        )
+
+
+def json_path(location: tuple[int | str, ...]) -> str:
+    """Write a location as ``$.streams.pose.clock``."""
+    path = "$"
+    for part in location:
+        path += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return path
+
+
+_TAGS = {"rgb", "tactile", "pose", "width", "wrench", "taxels", "extension"}
+_ENCODINGS = {"array", "encoded", "video"}
+
+
+def _location(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    """Drop the tags that pydantic inserts for the branch of a union."""
+    kept: list[int | str] = []
+    for index, part in enumerate(location):
+        previous = location[index - 1] if index else None
+        is_branch = (
+            part in _TAGS and index == 2 and location[0] == "streams"
+        )  # streams.<name>.<branch>
+        if is_branch or (part in _ENCODINGS and previous == "images"):
+            continue
+        kept.append(part)
+    return tuple(kept)
+
+
+def problems_of(error: ValidationError) -> list[tuple[str, str]]:
+    """List a validation error's problems as (message, JSON path)."""
+    found = []
+    for item in error.errors(include_url=False, include_context=False, include_input=False):
+        message = item["msg"].removeprefix("Value error, ")
+        message = message[:1].lower() + message[1:]
+        if item["type"] == "missing":
+            message = "required field missing"
+        found.append((message, json_path(_location(item["loc"]))))
+    return found
+
+
+def _validate(model: type[M], document: dict[str, Any], *, newer: bool, where: object) -> M:
+    try:
+        return model.model_validate_json(json.dumps(document), context={"newer_minor": newer})
+    except ValidationError as error:
+        problems = tuple(f"{message} @ {path}" for message, path in problems_of(error))
+        what = problems[0] if len(problems) == 1 else f"{len(problems)} problems in the metadata: "
+        if len(problems) > 1:
+            what += "; ".join(problems[:5]) + (
+                "; ..." if len(problems) > 5 else ""
+            )  # a readable line
+        raise MetadataError(what, where=where, problems=problems) from None
+
+
+def parse_episode(raw: bytes, where: object) -> EpisodeMetadata:
+    """Parse the root ``zarr.json`` of an episode.
+
+    Parameters
+    ----------
+    raw : bytes
+        The document.
+    where : object
+        Named in errors.
+
+    Raises
+    ------
+    MetadataError, UnsupportedError
+        As `load_json`, `check_version`, `check_requires`; or the metadata breaks the model.
+    """
+    root = load_json(raw, where)
+    attributes = root.get("attributes")
+    document = attributes.get("exumi") if isinstance(attributes, dict) else None
+    if root.get("node_type") != "group" or not isinstance(document, dict):
+        raise MetadataError(
+            "no `exumi` attribute on the root group: not an exUMI Episode",
+            where=where,
+            fix="Convert other data with: exumi convert SRC DST",
+        )
+    newer = check_version(document, EPISODE_FORMAT, where)
+    check_requires(document, where)
+    return _validate(EpisodeMetadata, document, newer=newer, where=where)
+
+
+def parse_derived(raw: bytes, where: object) -> DerivedMetadata:
+    """Parse ``derived/zarr.json``."""
+    attributes = load_json(raw, where).get("attributes")
+    document = attributes.get("exumi") if isinstance(attributes, dict) else None
+    if not isinstance(document, dict):
+        raise MetadataError("no `exumi` attribute on the group", where=where)
+    newer = check_version(document, "exumi-derived", where)
+    return _validate(DerivedMetadata, document, newer=newer, where=where)
+
+
+def parse_dataset(raw: bytes, where: object) -> DatasetMetadata:
+    """Parse ``dataset.json``."""
+    document = load_json(raw, where)
+    newer = check_version(document, DATASET_FORMAT, where)
+    return _validate(DatasetMetadata, document, newer=newer, where=where)
+
+
+def parse_split(raw: bytes, where: object) -> SplitDocument:
+    """Parse ``splits/<name>.json``."""
+    document = load_json(raw, where)
+    newer = check_version(document, "exumi-split", where)
+    return _validate(SplitDocument, document, newer=newer, where=where)
+
+
+def dump(model: Model) -> dict[str, Any]:
+    """Turn a model into a JSON object; fields that were never set are left out."""
+    document = model.model_dump(mode="json", exclude_unset=True)
+    for key in ("version", "format"):
+        if key in type(model).model_fields:
+            document = {key: getattr(model, key), **{k: v for k, v in document.items() if k != key}}
+    return document
+
+
+def _to_bytes(document: dict[str, Any]) -> bytes:
+    return (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def group_document(attributes: dict[str, Any] | None = None) -> bytes:
+    """Return a Zarr v3 group document."""
+    return _to_bytes(
+        {"zarr_format": 3, "node_type": "group", "attributes": attributes or {}}
+    )
+
+
+def episode_root_document(metadata: EpisodeMetadata) -> bytes:
+    """Return the root ``zarr.json`` of an episode."""
+    return group_document({"zarr_conventions": [CONVENTION], "exumi": dump(metadata)})
+
+
+def derived_group_document(metadata: DerivedMetadata) -> bytes:
+    """Return ``derived/zarr.json``."""
+    return group_document({"exumi": dump(metadata)})

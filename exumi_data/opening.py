@@ -1,0 +1,58 @@
+"""``exumi_data.open``: a dataset, an episode's folder or a packed episode."""
+
+import os
+from pathlib import Path
+
+from exumi_data.dataset import DATASET_DOCUMENT, Dataset, open_dataset
+from exumi_data.episode import Episode, open_episode
+from exumi_data.errors import NotAnEpisodeError, UnsupportedError
+
+__all__ = ["open"]
+
+
+def open(path: str | os.PathLike[str]) -> Dataset | Episode:  # as in tarfile.open
+    """Open a dataset or an episode for reading. Reading never writes.
+
+    Parameters
+    ----------
+    path : path-like
+        A dataset's folder, an episode's ``.zarr`` folder, or a packed ``.zarr.zip`` (which is
+        always one episode, never a dataset).
+
+    Returns
+    -------
+    Dataset or Episode
+
+    Raises
+    ------
+    NotAnEpisodeError
+        Neither is there.
+    MetadataError, UnsupportedError, DamagedDataError
+        What is there cannot be read.
+
+    Examples
+    --------
+    >>> import exumi_data
+    >>> ds = exumi_data.open("my-dataset")  # doctest: +SKIP
+    >>> ds[0]["tactile_left"].frames[10].shape  # doctest: +SKIP
+    (240, 320, 3)
+    """
+    text = os.fspath(path)
+    if "://" in text:
+        raise UnsupportedError(
+            "URLs are not read yet", where=text, fix="Download it and give the local path."
+        )
+    target = Path(text)
+    if target.is_dir():
+        if (target / DATASET_DOCUMENT).is_file():
+            return open_dataset(text)
+        if (target / "zarr.json").is_file() or target.name.endswith(".zarr"):
+            return open_episode(text)
+        raise NotAnEpisodeError(
+            "neither a dataset (no dataset.json) nor an episode (no zarr.json)",
+            where=text,
+            fix="Convert other data with: exumi convert SRC DST",
+        )
+    if target.is_file():
+        return open_episode(text)
+    raise NotAnEpisodeError("no such file or folder", where=text)

@@ -1,0 +1,361 @@
+"""Where the bytes of an episode are: a folder, or one stored zip. Reading never writes.
+
+Both offer the same five calls; every read is a ``pread`` at a known offset, so that a packed
+episode reads as fast as a folder, and one object can be shared by threads and forked processes.
+"""
+
+import errno
+import os
+import stat
+import struct
+import zipfile
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+from exumi_data.errors import DamagedDataError, NotAnEpisodeError
+from exumi_data.store.paths import check_member_path
+
+__all__ = ["FolderStore", "OpenFiles", "Store", "ZipStore", "open_store"]
+
+_LOCAL_HEADER = struct.Struct("<4s5H3I2H")
+_ENCRYPTED = 0x1
+_DATA_DESCRIPTOR = 0x8
+
+
+class Store(Protocol):
+    """Read access to the files of one episode."""
+
+    location: str
+    """The path, for messages."""
+
+    def read(self, path: str) -> bytes:
+        """Return a whole file. Raises `FileNotFoundError`."""
+        ...
+
+    def read_range(self, path: str, start: int, length: int) -> bytes:
+        """Return exactly `length` bytes from `start`. Raises `DamagedDataError` if cut short."""
+        ...
+
+    def size(self, path: str) -> int:
+        """Return a file's size in bytes. Raises `FileNotFoundError`."""
+        ...
+
+    def paths(self) -> list[str]:
+        """List all files, sorted."""
+        ...
+
+    def close(self) -> None:
+        """Close open files. Reading again opens them again."""
+        ...
+
+
+def _read_exactly(descriptor: int, start: int, length: int, where: str) -> bytes:
+    data = os.pread(descriptor, length, start)
+    if len(data) == length:
+        return data
+    parts = [data]
+    got = len(data)
+    while got < length:
+        data = os.pread(descriptor, length - got, start + got)
+        if not data:
+            raise DamagedDataError(
+                f"file is cut short: {length} bytes at {start} asked for, {got} there",
+                where=where,
+                fix="Copy the episode again from its source.",
+            )
+        parts.append(data)
+        got += len(data)
+    return b"".join(parts)
+
+
+class _OpenFile:
+    """An open descriptor; closed when its last user drops it."""
+
+    __slots__ = ("descriptor", "size")
+
+    def __init__(self, path: str) -> None:
+        # A link could lead anywhere, also out of the store.
+        self.descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        info = os.fstat(self.descriptor)
+        self.size = info.st_size
+        if not stat.S_ISREG(info.st_mode):
+            raise FileNotFoundError(path)
+
+    def __del__(self) -> None:
+        # Not clean-up of convenience: a reader in another thread may still hold this object
+        # when the cache drops it, and a descriptor closed under it could name another file.
+        if hasattr(self, "descriptor"):
+            os.close(self.descriptor)
+
+
+class OpenFiles:
+    """A bounded set of open files, the least recently used closed first.
+
+    Stores can share one, so that a dataset of any size keeps few descriptors open.
+
+    Parameters
+    ----------
+    limit : int
+        How many files stay open.
+    """
+
+    def __init__(self, limit: int = 8) -> None:
+        self._limit = limit
+        self._files: OrderedDict[str, _OpenFile] = OrderedDict()
+
+    def get(self, path: str) -> _OpenFile:
+        """Open a file, or return it if it is open. Raises `OSError`."""
+        found = self._files.get(path)
+        if found is None:
+            found = _OpenFile(path)
+            self._files[path] = found
+            if len(self._files) > self._limit:
+                self._files.popitem(last=False)
+        else:
+            with suppress(KeyError):  # another thread closed it meanwhile; ours stays valid
+                self._files.move_to_end(path)
+        return found
+
+    def clear(self) -> None:
+        """Close all files that nobody is reading."""
+        self._files.clear()
+
+
+class FolderStore:
+    """An episode that is a folder.
+
+    Parameters
+    ----------
+    path : path-like
+    files : OpenFiles, optional
+        Shared with other stores; default one of its own.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], files: OpenFiles | None = None) -> None:
+        self.root = Path(path)
+        self.location = str(path)
+        self._files = files or OpenFiles()
+        self._folders: set[str] = {""}
+
+    def _check(self, path: str) -> None:
+        """Refuse unsafe paths and folders that are links. Each folder is asked once."""
+        folder = path.rpartition("/")[0]
+        if folder in self._folders:
+            return
+        check_member_path(path, self.location)
+        parts = folder.split("/")
+        for depth in range(1, len(parts) + 1):
+            part = "/".join(parts[:depth])
+            try:
+                mode = os.lstat(f"{self.location}/{part}").st_mode
+            except NotADirectoryError:
+                raise FileNotFoundError(path) from None
+            if stat.S_ISLNK(mode):
+                raise _link_error(part, self.location)
+            self._folders.add(part)
+
+    def _file(self, path: str) -> _OpenFile:
+        self._check(path)
+        return self._opened(path, self._files.get)
+
+    def _opened(self, path: str, opener: Callable[[str], _OpenFile]) -> _OpenFile:
+        try:
+            return opener(f"{self.location}/{path}")
+        except (NotADirectoryError, IsADirectoryError):
+            raise FileNotFoundError(path) from None
+        except OSError as error:
+            if error.errno == errno.ELOOP:
+                raise _link_error(path, self.location) from None
+            raise
+
+    def read(self, path: str) -> bytes:
+        """Return a whole file."""
+        self._check(path)
+        # Whole reads are of small files that are read once: their descriptor is not kept.
+        file = self._opened(path, _OpenFile)
+        return _read_exactly(file.descriptor, 0, file.size, f"{self.location}/{path}")
+
+    def read_range(self, path: str, start: int, length: int) -> bytes:
+        """Return exactly `length` bytes from `start`."""
+        file = self._file(path)
+        return _read_exactly(file.descriptor, start, length, f"{self.location}/{path}")
+
+    def size(self, path: str) -> int:
+        """Return a file's size in bytes."""
+        self._check(path)
+        try:
+            info = os.lstat(f"{self.location}/{path}")
+        except NotADirectoryError:
+            raise FileNotFoundError(path) from None
+        if not stat.S_ISREG(info.st_mode):
+            raise FileNotFoundError(path)
+        return info.st_size
+
+    def paths(self) -> list[str]:
+        """List all files, sorted by path."""
+        return sorted(_walk(self.location, ""))
+
+    def close(self) -> None:
+        """Close open files."""
+        self._files.clear()
+
+    def __getstate__(self) -> dict[str, object]:
+        return {"location": self.location}
+
+    def __setstate__(self, state: dict[str, str]) -> None:
+        self.__init__(state["location"])  # type: ignore[misc]  # descriptors do not cross processes
+
+
+def _link_error(path: str, where: str) -> DamagedDataError:
+    return DamagedDataError(f"{path} is a link; links are not followed", where=where)
+
+
+def _walk(root: str, prefix: str) -> Iterator[str]:
+    with os.scandir(f"{root}/{prefix}" if prefix else root) as entries:
+        for entry in entries:
+            path = f"{prefix}/{entry.name}" if prefix else entry.name
+            if entry.is_symlink():
+                raise _link_error(path, root)
+            if entry.is_dir():
+                yield from _walk(root, path)
+            else:
+                yield path
+
+
+class ZipStore:
+    """An episode that is one stored (uncompressed) zip.
+
+    Parameters
+    ----------
+    path : path-like
+    files : OpenFiles, optional
+        Shared with other stores; default one of its own.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], files: OpenFiles | None = None) -> None:
+        self.location = str(path)
+        # A packed episode itself may be reached through a link; only links inside are refused.
+        self._real = os.path.realpath(path)
+        self._files = files or OpenFiles(1)
+        self._file_size = self._files.get(self._real).size
+        self._members = self._read_directory()
+        self._starts: dict[str, int] = {}
+
+    def _read_directory(self) -> dict[str, tuple[int, int]]:
+        try:
+            with zipfile.ZipFile(self.location) as archive:
+                infos = archive.infolist()
+        except (zipfile.BadZipFile, ValueError, OverflowError, NotImplementedError) as error:
+            raise DamagedDataError(
+                f"not a readable zip ({error})",
+                where=self.location,
+                fix="It was probably cut short; copy it again from its source.",
+            ) from None
+        members: dict[str, tuple[int, int]] = {}
+        for info in infos:
+            name = check_member_path(info.orig_filename, self.location)
+            problem = None
+            if name in members:
+                problem = "appears twice"
+            elif info.compress_type != zipfile.ZIP_STORED:
+                problem = "is compressed; a packed episode is stored only"
+            elif info.flag_bits & (_ENCRYPTED | _DATA_DESCRIPTOR):
+                problem = "is encrypted or has a data descriptor"
+            elif info.compress_size != info.file_size:
+                problem = "has two different sizes"
+            elif stat.S_ISLNK(info.external_attr >> 16):
+                problem = "is a link"
+            elif info.header_offset + info.file_size > self._file_size:
+                problem = "lies beyond the end of the file"
+            if problem:
+                raise DamagedDataError(
+                    f"{name} {problem}",
+                    where=self.location,
+                    fix="Unpack it elsewhere and pack it again with exUMI Data.",
+                )
+            members[name] = (info.header_offset, info.file_size)
+        return members
+
+    def _locate(self, path: str) -> tuple[int, int]:
+        try:
+            header, size = self._members[path]
+        except KeyError:
+            raise FileNotFoundError(path) from None
+        start = self._starts.get(path)
+        if start is None:
+            # The local header's extra field may differ from the directory's, so it is read.
+            raw = self._read_at(header, _LOCAL_HEADER.size, self.location)
+            fields = _LOCAL_HEADER.unpack(raw)
+            start = header + _LOCAL_HEADER.size + fields[9] + fields[10]
+            if fields[0] != b"PK\x03\x04" or start + size > self._file_size:
+                raise DamagedDataError(f"{path} has no valid local header", where=self.location)
+            self._starts[path] = start
+        return start, size
+
+    def _read_at(self, start: int, length: int, where: str) -> bytes:
+        return _read_exactly(self._files.get(self._real).descriptor, start, length, where)
+
+    def read(self, path: str) -> bytes:
+        """Return a whole member."""
+        start, size = self._locate(path)
+        return self._read_at(start, size, f"{self.location}!{path}")
+
+    def read_range(self, path: str, start: int, length: int) -> bytes:
+        """Return exactly `length` bytes from `start`."""
+        member_start, size = self._locate(path)
+        if start + length > size:
+            raise DamagedDataError(
+                f"{length} bytes at {start} asked for, the member has {size}",
+                where=f"{self.location}!{path}",
+            )
+        return self._read_at(member_start + start, length, f"{self.location}!{path}")
+
+    def size(self, path: str) -> int:
+        """Return a member's size in bytes."""
+        try:
+            return self._members[path][1]
+        except KeyError:
+            raise FileNotFoundError(path) from None
+
+    def paths(self) -> list[str]:
+        """List all members, sorted by path."""
+        return sorted(self._members)
+
+    def close(self) -> None:
+        """Close the file; reading again opens it again."""
+        self._files.clear()
+
+    def __getstate__(self) -> dict[str, object]:
+        return {"location": self.location}
+
+    def __setstate__(self, state: dict[str, str]) -> None:
+        self.__init__(state["location"])  # type: ignore[misc]  # descriptors do not cross processes
+
+
+def open_store(
+    path: str | os.PathLike[str], files: OpenFiles | None = None
+) -> FolderStore | ZipStore:
+    """Open a folder or a zip for reading.
+
+    Parameters
+    ----------
+    path : path-like
+    files : OpenFiles, optional
+        Share open files with other stores.
+
+    Raises
+    ------
+    NotAnEpisodeError
+        Nothing is there.
+    DamagedDataError
+        The zip is not a stored zip, is cut short, or holds unsafe names.
+    """
+    target = Path(path)
+    if target.is_dir():
+        return FolderStore(target, files)
+    if target.is_file():
+        return ZipStore(target, files)
+    raise NotAnEpisodeError("no such file or folder", where=path)

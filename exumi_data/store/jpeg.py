@@ -1,0 +1,81 @@
+"""JPEG files: decoded straight into the caller's buffer, and never changed."""
+
+import numpy as np
+import simplejpeg
+
+from exumi_data.errors import DamagedDataError
+
+__all__ = ["comment", "decode_into", "encode", "is_jpeg", "size_of"]
+
+_SOI, _EOI = b"\xff\xd8", b"\xff\xd9"
+_COM, _SOS = 0xFE, 0xDA
+
+
+def is_jpeg(data: bytes) -> bool:
+    """Whether `data` begins and ends as a JPEG (zero padding after the end is allowed)."""
+    return data.startswith(_SOI) and data.rstrip(b"\0").endswith(_EOI)
+
+
+def size_of(data: bytes) -> tuple[int, int, int]:
+    """Return (height, width, channels) from a JPEG's header.
+
+    Raises
+    ------
+    DamagedDataError
+        Not a JPEG.
+    """
+    try:
+        height, width, colorspace, _ = simplejpeg.decode_jpeg_header(data, strict=False)
+    except ValueError as error:
+        raise DamagedDataError(f"not a JPEG ({error})") from None
+    return int(height), int(width), 1 if colorspace == "Gray" else 3
+
+
+def comment(data: bytes) -> str | None:
+    """Return the comment (COM segment) of a JPEG, or None. It often names the encoder."""
+    position = 2
+    while position + 4 <= len(data) and data[position] == 0xFF:  # marker prefix
+        marker = data[position + 1]
+        length = int.from_bytes(data[position + 2 : position + 4], "big")
+        if marker == _COM:
+            text = data[position + 4 : position + 2 + length]
+            return text.decode("latin-1").strip("\0 \r\n") or None
+        if marker == _SOS:
+            return None
+        position += 2 + length
+    return None
+
+
+def decode_into(data: bytes, out: np.ndarray) -> None:
+    """Decode a JPEG into `out`, shape (H, W, C) uint8, C-contiguous.
+
+    With C = 1 the image's luma is decoded, whatever its channels: no colour is computed that
+    nobody asked for. With C = 3 the order is RGB.
+
+    Raises
+    ------
+    DamagedDataError
+        The JPEG is damaged, or its size is not that of `out`.
+    """
+    try:
+        decoded = simplejpeg.decode_jpeg(data, "GRAY" if out.shape[2] == 1 else "RGB", buffer=out)
+    except ValueError as error:
+        _check_size(size_of(data), out)
+        raise DamagedDataError(f"the JPEG is damaged ({error})") from None
+    # The decoder fills the front of a buffer that is too large without a word.
+    _check_size(decoded.shape, out)
+
+
+def _check_size(size: tuple[int, ...], out: np.ndarray) -> None:
+    if size[:2] != out.shape[:2]:
+        raise DamagedDataError(
+            f"the JPEG is {size[1]}x{size[0]}, the metadata says {out.shape[1]}x{out.shape[0]}"
+        ) from None
+
+
+def encode(frame: np.ndarray, quality: int) -> bytes:
+    """Encode a frame, shape (H, W, 1|3) uint8 RGB, as JPEG with 4:2:0 chroma."""
+    frame = np.ascontiguousarray(frame)
+    if frame.shape[2] == 1:
+        return bytes(simplejpeg.encode_jpeg(frame, quality, "GRAY", "Gray"))
+    return bytes(simplejpeg.encode_jpeg(frame, quality, "RGB", "420"))

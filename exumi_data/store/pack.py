@@ -1,0 +1,72 @@
+"""Packing an episode into one stored zip (spec: Packing). Deterministic: same bytes every time."""
+
+import shutil
+import stat
+import zipfile
+from pathlib import Path
+
+from exumi_data.errors import EpisodeExistsError, UsageError
+from exumi_data.store.access import FolderStore
+from exumi_data.store.files import atomic_file
+
+__all__ = ["pack", "packing_order"]
+
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+_ZIP64_FROM = 1 << 31
+
+
+def packing_order(paths: list[str]) -> list[str]:
+    """Sort paths: root ``zarr.json``, the other ``zarr.json`` breadth-first, then the rest."""
+
+    def key(path: str) -> tuple[int, int, bytes]:
+        is_metadata = path.rpartition("/")[2] == "zarr.json"
+        return (0, path.count("/"), path.encode()) if is_metadata else (1, 0, path.encode())
+
+    return sorted(paths, key=key)
+
+
+def pack(folder: Path, target: Path | None = None, *, overwrite: bool = False) -> Path:
+    """Copy a finished episode folder into one stored zip.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        The episode, ``<name>.zarr``. It stays.
+    target : pathlib.Path, optional
+        Default: ``<name>.zarr.zip`` beside it.
+    overwrite : bool
+        Replace an existing file.
+
+    Returns
+    -------
+    pathlib.Path
+        The zip.
+
+    Raises
+    ------
+    EpisodeExistsError
+        The target exists.
+    UsageError
+        `folder` is no finished episode.
+    """
+    target = target or folder.with_name(folder.name + ".zip")
+    if not (folder / "zarr.json").is_file():
+        raise UsageError("not a finished episode folder", where=folder)
+    if target.exists() and not overwrite:
+        raise EpisodeExistsError("already exists", where=target)
+    store = FolderStore(folder)
+    with (
+        atomic_file(target) as temporary,
+        zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive,
+    ):
+        for path in packing_order(store.paths()):
+            source = folder / path
+            info = zipfile.ZipInfo(path, _EPOCH)
+            info.external_attr = (stat.S_IFREG | 0o644) << 16
+            info.create_system = 3
+            info.file_size = source.stat().st_size
+            large = info.file_size >= _ZIP64_FROM
+            with source.open("rb") as reader, archive.open(info, "w", force_zip64=large) as writer:
+                shutil.copyfileobj(reader, writer, 4 << 20)
+    store.close()
+    return target

@@ -1,0 +1,209 @@
+"""Video files decoded from memory with PyAV, frame by frame, with a bounded buffer."""
+
+import io
+from collections.abc import Iterator
+from fractions import Fraction
+from typing import IO, Any
+
+import av
+import numpy as np
+from av.video.frame import VideoFrame
+from av.video.reformatter import VideoReformatter
+
+from exumi_data.errors import DamagedDataError, SourceError
+
+__all__ = ["FramePixels", "MjpegPackets", "VideoDecoder", "VideoFrames", "probe_video"]
+
+_EXTENSIONS = {
+    ".mov": "video/quicktime",
+    ".mp4": "video/mp4",
+    ".avi": "video/x-msvideo",
+    ".mkv": "video/x-matroska",
+    ".webm": "video/webm",
+}
+
+
+class FramePixels:
+    """Turn decoded frames into RGB or luma arrays; keeps FFmpeg's scaling context."""
+
+    def __init__(self) -> None:
+        self._reformatter = VideoReformatter()
+
+    def rgb(self, frame: VideoFrame) -> np.ndarray:
+        """Return (H, W, 3) uint8 RGB."""
+        return self._reformatter.reformat(frame, format="rgb24", threads=1).to_ndarray()
+
+    def grey(self, frame: VideoFrame) -> np.ndarray:
+        """Return (H, W) uint8 luma, full range: the frame's own Y, no colour computed."""
+        return self._reformatter.reformat(frame, format="gray", threads=1).to_ndarray()
+
+    def into(self, frame: VideoFrame, out: np.ndarray) -> None:
+        """Fill `out`, (H, W, 1|3) uint8."""
+        pixels = self.grey(frame)[..., None] if out.shape[2] == 1 else self.rgb(frame)
+        if pixels.shape != out.shape:
+            raise DamagedDataError(
+                f"the video frame is {pixels.shape[1]}x{pixels.shape[0]}, "
+                f"the metadata says {out.shape[1]}x{out.shape[0]}"
+            )
+        out[:] = pixels
+
+
+def _open(source: bytes | str, where: object) -> Any:
+    file: IO[bytes] | str = io.BytesIO(source) if isinstance(source, bytes) else source
+    try:
+        container = av.open(file)
+    except (av.FFmpegError, OSError, ValueError) as error:
+        raise SourceError(
+            f"not a readable video ({_short(error)})",
+            where=where,
+            fix="Check that the file is complete; play it with ffplay.",
+        ) from None
+    if not container.streams.video:
+        container.close()
+        raise SourceError("the file holds no video stream", where=where)
+    container.streams.video[0].codec_context.thread_count = 1
+    return container
+
+
+def _short(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or error).split(";")[0]
+
+
+class VideoDecoder:
+    """Decode one video file in presentation order.
+
+    Parameters
+    ----------
+    source : bytes or str
+        The file's bytes, or its path.
+    where : object
+        Named in errors.
+
+    Attributes
+    ----------
+    codec, pixel_format : str
+    time_base : fractions.Fraction
+        Seconds per unit of pts.
+    rate : fractions.Fraction or None
+        The container's nominal frame rate.
+    height, width : int
+    declared_frames : int
+        What the container says; 0 when it does not say.
+    problem : str or None
+        Why decoding ended before the end of the file, once it has.
+    """
+
+    def __init__(self, source: bytes | str, where: object) -> None:
+        self.where = where
+        self._container = _open(source, where)
+        stream = self._container.streams.video[0]
+        self._stream = stream
+        context = stream.codec_context
+        self.codec: str = context.codec.canonical_name
+        self.pixel_format: str | None = context.pix_fmt
+        self.time_base: Fraction = Fraction(stream.time_base)
+        rate = stream.average_rate or stream.base_rate
+        self.rate: Fraction | None = Fraction(rate) if rate else None
+        self.height: int = context.height
+        self.width: int = context.width
+        self.declared_frames: int = stream.frames
+        self.problem: str | None = None
+
+    def __enter__(self) -> "VideoDecoder":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the decoder."""
+        self._container.close()
+
+    def frames(self) -> Iterator[VideoFrame]:
+        """Yield frames in presentation order until the end, or until decoding fails."""
+        try:
+            for frame in self._container.decode(self._stream):
+                if frame.pts is None:
+                    self.problem = "a frame has no presentation time"
+                    return
+                yield frame
+        except (av.FFmpegError, OSError, ValueError) as error:
+            self.problem = _short(error)
+
+    def seek(self, pts: int) -> None:
+        """Go to the keyframe at or before `pts`."""
+        self._container.seek(pts, stream=self._stream, backward=True)
+
+    def packets(self) -> Iterator[Any]:
+        """Yield the packets of the video stream, undecoded."""
+        try:
+            for packet in self._container.demux(self._stream):
+                if packet.size:
+                    yield packet
+        except (av.FFmpegError, OSError, ValueError) as error:
+            self.problem = _short(error)
+
+
+def probe_video(name: str) -> str | None:
+    """Return the media type that a file name stands for, or None if it is no video's."""
+    dot = name.rfind(".")
+    return _EXTENSIONS.get(name[dot:].lower()) if dot >= 0 else None
+
+
+MjpegPackets = Iterator[bytes]
+
+
+class VideoFrames:
+    """Random and sequential access to the frames of one video file by presentation time.
+
+    Sequential reads go on where the last one ended, so no frame is decoded twice.
+
+    Parameters
+    ----------
+    source : bytes
+        The file.
+    pts : (N,) int64
+        Presentation times of the frames.
+    keyframe : (N,) int64
+        For each frame, the index of the frame to start decoding from.
+    where : object
+        Named in errors.
+    """
+
+    def __init__(self, source: bytes, pts: np.ndarray, keyframe: np.ndarray, where: object) -> None:
+        self._decoder = VideoDecoder(source, where)
+        self._pts = pts
+        self._keyframe = keyframe
+        self._pixels = FramePixels()
+        self._where = where
+        self._iterator: Iterator[VideoFrame] | None = None
+        self._next = 0
+
+    def read_into(self, index: int, out: np.ndarray) -> None:
+        """Decode frame `index` of the file into `out`, (H, W, 1|3) uint8."""
+        self._pixels.into(self._frame(index), out)
+
+    def _frame(self, index: int) -> VideoFrame:
+        start = int(self._keyframe[index])
+        ahead = self._iterator is not None and self._next <= index
+        if not ahead or start > self._next:
+            self._decoder.seek(int(self._pts[start]))
+            self._iterator = self._decoder.frames()
+        target = int(self._pts[index])
+        for frame in self._iterator or ():
+            pts = frame.pts
+            if pts == target:
+                self._next = index + 1
+                return frame
+            if pts is None or pts > target:
+                break
+        self._iterator = None
+        raise DamagedDataError(
+            f"frame {index} (pts {target}) cannot be decoded"
+            + (f": {self._decoder.problem}" if self._decoder.problem else ""),
+            where=self._where,
+        )
+
+    def close(self) -> None:
+        """Free the decoder."""
+        self._decoder.close()

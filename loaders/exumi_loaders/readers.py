@@ -1,0 +1,64 @@
+"""Frames of many episodes: readers are kept, open files are few."""
+
+from collections import OrderedDict
+
+import numpy as np
+
+from exumi_data.dataset import Dataset
+from exumi_data.episode import Episode
+from exumi_data.store.access import OpenFiles, open_store
+from exumi_data.store.images import Frames
+
+__all__ = ["FrameReaders"]
+
+_OPEN_FILES = 128
+_KEPT = {"encoded": 2048, "array": 2048}
+_KEPT_VIDEO = 8  # each holds a whole video file and a decoder
+
+
+class FrameReaders:
+    """Read frames and reference images by (episode, stream).
+
+    Parameters
+    ----------
+    dataset : Dataset
+    encodings : dict of str to str
+        How each image stream is stored: decides how many readers are kept.
+    """
+
+    def __init__(self, dataset: Dataset, encodings: dict[str, str]) -> None:
+        self._locations = [dataset.episode_location(index) for index in range(len(dataset))]
+        self._kept = {name: _KEPT.get(kind, _KEPT_VIDEO) for name, kind in encodings.items()}
+        self._files = OpenFiles(_OPEN_FILES)
+        self._readers: dict[str, OrderedDict[int, tuple[Frames, np.ndarray | None]]] = {
+            name: OrderedDict() for name in encodings
+        }
+        self._last: tuple[int, Episode] | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        return {"locations": self._locations, "kept": self._kept}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self._locations = state["locations"]  # type: ignore[assignment]  # as __getstate__ wrote
+        self._kept = state["kept"]  # type: ignore[assignment]
+        self._files = OpenFiles(_OPEN_FILES)
+        self._readers = {name: OrderedDict() for name in self._kept}
+        self._last = None
+
+    def get(self, episode: int, stream: str) -> tuple[Frames, np.ndarray | None]:
+        """Return the frames of a stream, and its reference image (H, W, C) or None."""
+        readers = self._readers[stream]
+        found = readers.get(episode)
+        if found is not None:
+            readers.move_to_end(episode)
+            return found
+        if self._last is None or self._last[0] != episode:
+            # A window asks for several streams of one episode: its metadata is read once.
+            opened = Episode(open_store(self._locations[episode], self._files))
+            self._last = (episode, opened)
+        view = self._last[1][stream]
+        found = (view.frames, view.reference if view.kind == "tactile" else None)
+        readers[episode] = found
+        if len(readers) > self._kept[stream]:
+            readers.popitem(last=False)
+        return found

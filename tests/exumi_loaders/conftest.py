@@ -1,0 +1,150 @@
+"""Small datasets whose frames tell their own index."""
+
+import uuid
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import exumi_data
+from exumi_data.catalog import build_catalog, episode_path, write_catalog
+from exumi_data.dataset import create_dataset
+from exumi_data.model import (
+    Annotations,
+    ArrayImages,
+    Clock,
+    DatasetMetadata,
+    EncodedImages,
+    EpisodeMetadata,
+    Frames,
+    Source,
+    Task,
+)
+from exumi_data.store import jpeg
+
+SIDE = 8
+CLOCK = Clock(source="test", stamp_point="simulated")
+
+
+@dataclass
+class Recipe:
+    """What one episode of a test dataset holds. Times in seconds."""
+
+    tactile_s: Sequence[float] | None = None
+    rgb_s: Sequence[float] | None = None
+    pose_s: Sequence[float] | None = None
+    width_s: Sequence[float] | None = None
+    activity: Sequence[float] | None = None
+    part: str | None = None
+    object: str | None = None
+    encoded: bool = False
+    channels: int = 1
+    side: int = SIDE
+    poses: Any = None
+    extra: dict[str, Sequence[float]] = field(default_factory=dict)
+
+
+def numbered(count: int, channels: int = 1, side: int = SIDE) -> np.ndarray:
+    """Frames that are filled with their own index."""
+    values = np.arange(count, dtype=np.uint8)
+    return np.broadcast_to(values[:, None, None, None], (count, side, side, channels)).copy()
+
+
+def nanoseconds(seconds: Sequence[float]) -> np.ndarray:
+    return np.round(np.asarray(seconds) * 1e9).astype(np.int64)
+
+
+def smooth_poses(seconds: Sequence[float]) -> np.ndarray:
+    """A motion that is known at any time."""
+    from scipy.spatial.transform import Rotation
+
+    time = np.asarray(seconds)
+    position = np.stack((0.1 * time, 0.2 * np.sin(time), 0.05 * time), axis=1)
+    turn = Rotation.from_rotvec(np.stack((0.3 * time, 0 * time, 0.1 * time), axis=1))
+    return np.concatenate((position, turn.as_quat()), axis=1)
+
+
+def width_m(seconds: Sequence[float]) -> np.ndarray:
+    return 0.05 + 0.01 * np.asarray(seconds)
+
+
+def _images(writer: Any, name: str, kind: str, seconds: Sequence[float], recipe: Recipe) -> None:
+    frames = numbered(len(seconds), recipe.channels, recipe.side)
+    size: Any = {"height": recipe.side, "width": recipe.side, "channels": recipe.channels}
+    if recipe.encoded:
+        images: Any = EncodedImages(encoding="encoded", media_type="image/jpeg", **size)
+    else:
+        images = ArrayImages(encoding="array", **size)
+    stream = writer.add_stream(name, kind=kind, clock=CLOCK, images=images)
+    values = [jpeg.encode(frame, 95) for frame in frames] if recipe.encoded else frames
+    stream.append(nanoseconds(seconds), values)
+    if kind == "tactile":
+        shape = (recipe.side, recipe.side, recipe.channels)
+        stream.set_reference(np.full(shape, 7, np.uint8), method="captured")
+
+
+def write_episode(root: Path, number: int, recipe: Recipe) -> str:
+    episode_id = str(uuid.uuid5(uuid.NAMESPACE_OID, str(number)))
+    metadata = EpisodeMetadata(
+        id=episode_id,
+        task=Task(name="test"),
+        regime="play",
+        licence="CC0-1.0",
+        source=Source(type="simulated", tool="tests", tool_version="1"),
+        annotations=Annotations(part_id=recipe.part, object_id=recipe.object),
+    )
+    with exumi_data.EpisodeWriter(
+        root / episode_path(episode_id), metadata, overwrite=True, durable=False
+    ) as writer:
+        if recipe.tactile_s is not None:
+            _images(writer, "tactile", "tactile", recipe.tactile_s, recipe)
+            if recipe.activity is not None:
+                values = np.asarray(recipe.activity, dtype=np.float32)
+                writer.add_derived("tactile", "activity", values, algorithm="test/1")
+        for name, seconds in recipe.extra.items():
+            _images(writer, name, "tactile", seconds, recipe)
+        if recipe.rgb_s is not None:
+            _images(writer, "rgb", "rgb", recipe.rgb_s, recipe)
+        if recipe.pose_s is not None:
+            stream = writer.add_stream(
+                "pose", kind="pose", clock=CLOCK, frames=Frames(parent="world", child="tcp")
+            )
+            poses = smooth_poses(recipe.pose_s) if recipe.poses is None else recipe.poses
+            stream.append(nanoseconds(recipe.pose_s), poses)
+        if recipe.width_s is not None:
+            stream = writer.add_stream("width", kind="width", clock=CLOCK)
+            stream.append(nanoseconds(recipe.width_s), width_m(recipe.width_s))
+    return episode_id
+
+
+def write_dataset(root: Path, recipes: Sequence[Recipe]) -> exumi_data.Dataset:
+    create_dataset(root, DatasetMetadata(name="test", licence="CC0-1.0"))
+    for number, recipe in enumerate(recipes):
+        write_episode(root, number, recipe)
+    table, failed = build_catalog(root)
+    assert not failed
+    write_catalog(root, table)
+    opened = exumi_data.open(root)
+    assert isinstance(opened, exumi_data.Dataset)
+    # Episodes lie in the order of their paths; tests want the order of their recipes.
+    ids = [str(uuid.uuid5(uuid.NAMESPACE_OID, str(n))) for n in range(len(recipes))]
+    return opened.select(ids)
+
+
+MakeDataset = Callable[..., exumi_data.Dataset]
+
+
+@pytest.fixture
+def make_dataset(tmp_path: Path) -> MakeDataset:
+    def make(*recipes: Recipe, name: str = "set") -> exumi_data.Dataset:
+        return write_dataset(tmp_path / name, recipes)
+
+    return make
+
+
+@pytest.fixture
+def recipe() -> type[Recipe]:
+    return Recipe
