@@ -55,7 +55,7 @@ def pose_to_matrix(pose: npt.ArrayLike) -> Float64Array:
         If the shape is wrong or a quaternion is zero.
     """
     poses = _as_poses(pose)
-    flat = poses.reshape(-1, 7)
+    flat = _flat(poses)
     matrix = np.zeros((len(flat), 4, 4))
     matrix[:, :3, :3] = _rotation(flat).as_matrix()
     matrix[:, :3, 3] = flat[:, :3]
@@ -116,7 +116,7 @@ def inverse(pose: npt.ArrayLike) -> Float64Array:
         If the shape is wrong or a quaternion is zero.
     """
     poses = _as_poses(pose)
-    flat = poses.reshape(-1, 7)
+    flat = _flat(poses)
     rotation = _rotation(flat).inv()
     out = np.empty_like(flat)
     out[:, :3] = -rotation.apply(flat[:, :3])
@@ -143,7 +143,7 @@ def compose(first: npt.ArrayLike, second: npt.ArrayLike) -> Float64Array:
         If a shape is wrong or a quaternion is zero.
     """
     a, b = np.broadcast_arrays(_as_poses(first), _as_poses(second))
-    flat_a, flat_b = a.reshape(-1, 7), b.reshape(-1, 7)
+    flat_a, flat_b = _flat(a), _flat(b)
     rotation = _rotation(flat_a)
     out = np.empty_like(flat_a)
     out[:, :3] = flat_a[:, :3] + rotation.apply(flat_b[:, :3])
@@ -257,7 +257,7 @@ def axis_angle_to_quaternion(axis_angle: npt.ArrayLike) -> Float64Array:
     vectors = np.asarray(axis_angle, np.float64)
     if vectors.shape[-1:] != (3,):
         raise ValueError(f"rotation vectors must be of shape (..., 3), not {vectors.shape}")
-    quaternions = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat(canonical=True)
+    quaternions = Rotation.from_rotvec(vectors.reshape(-1, 3).copy()).as_quat(canonical=True)
     return np.asarray(quaternions, np.float64).reshape(*vectors.shape[:-1], 4)
 
 
@@ -416,6 +416,11 @@ def _rotation(flat: Float64Array) -> Rotation:
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_quat(flat[:, 3:])
+
+
+def _flat(poses: Float64Array) -> Float64Array:
+    """Copy (..., 7) poses to (N, 7): SciPy refuses read-only memory in places."""
+    return poses.reshape(-1, 7).copy()
 
 
 def _as_poses(pose: npt.ArrayLike) -> Float64Array:

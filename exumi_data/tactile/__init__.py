@@ -1,0 +1,45 @@
+"""Tactile images: grey, contact representation, activity, salient frames, choice of a reference.
+
+Everything here works on uint8 images of one sensor, rectified and cropped by the caller. Grey
+levels are 0 to 255. A *reference image* shows the sensor without contact.
+
+OpenCV is imported where it is used, so that importing this package costs nothing.
+"""
+
+from exumi_data.tactile.activity import (
+    ACTIVE_THRESHOLD,
+    ACTIVE_THRESHOLD_COMBINED,
+    ACTIVITY_METHOD,
+    ACTIVITY_SIZE,
+    PIXEL_THRESHOLD,
+    ActivityMeter,
+)
+from exumi_data.tactile.images import REPRESENTATION_GAIN, representation, to_grey
+from exumi_data.tactile.reference import (
+    REFERENCE_METHOD,
+    ReferenceChoice,
+    choose_reference,
+    reference_image,
+    thumbnail,
+)
+from exumi_data.tactile.salience import SALIENCE_METHOD, difference_energy, salient_frames
+
+__all__ = [
+    "ACTIVE_THRESHOLD",
+    "ACTIVE_THRESHOLD_COMBINED",
+    "ACTIVITY_METHOD",
+    "ACTIVITY_SIZE",
+    "PIXEL_THRESHOLD",
+    "REFERENCE_METHOD",
+    "REPRESENTATION_GAIN",
+    "SALIENCE_METHOD",
+    "ActivityMeter",
+    "ReferenceChoice",
+    "choose_reference",
+    "difference_energy",
+    "reference_image",
+    "representation",
+    "salient_frames",
+    "thumbnail",
+    "to_grey",
+]
