@@ -306,22 +306,23 @@ class TPPWindows(Dataset[Item]):
         out = buffer.numpy()
         has_reference = self.layout.references.get(name, False)
         references = torch.empty((len(frames), *size), dtype=torch.uint8) if has_reference else None
+        reference_out = None if references is None else references.numpy()
+        complete = np.asarray((frames >= 0).all(axis=1))
         for position, (number, wanted) in enumerate(zip(episode, frames, strict=True)):
             source, reference = self._readers.get(int(number), name)
-            there = wanted >= 0
-            if there.all():
-                source.read_into(wanted, out[position])
+            if complete[position]:
+                source.read_into(wanted.tolist(), out[position])
             else:
                 out[position] = 0
-                for k in np.flatnonzero(there):
+                for k in np.flatnonzero(wanted >= 0):
                     source.read_into(wanted[k : k + 1], out[position, k : k + 1])
-            if references is not None and reference is not None:
-                references.numpy()[position] = _like(reference, size[2])
+            if reference_out is not None and reference is not None:
+                reference_out[position] = _like(reference, size[2])
         batch[name] = buffer.movedim(-1, -3)
         batch[f"{name}_valid"] = torch.from_numpy(frames >= 0)
         if references is not None:
             batch[f"{name}_reference"] = references.movedim(-1, -3)
-        return np.asarray((frames >= 0).all(axis=1))
+        return complete
 
     def loader(
         self,

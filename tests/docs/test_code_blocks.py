@@ -1,0 +1,80 @@
+"""Every code block of the documentation runs as it stands, in the order of its page.
+
+A page's blocks share one folder, which holds `my-clips` (three short tactile videos). A block that
+is not run says why in an HTML comment on the line above: ``<!-- not run: reason -->``.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCK = re.compile(
+    r"(?P<skip><!-- not run: .+? -->\n)?^```(?P<language>\w+)\n(?P<code>.*?)^```$",
+    re.DOTALL | re.MULTILINE,
+)
+RUN = ("bash", "python")
+SHOWN = ("text", "json", "toml", "csv", "bibtex")
+
+
+def press(number: int, frames: int = 60) -> np.ndarray:
+    """A blob that is pressed into a gel and let go, (N, 64, 80, 3) uint8."""
+    y, x = np.mgrid[0:64, 0:80].astype(np.float32)
+    depth = np.clip(np.sin(np.linspace(-0.5, 3.6, frames)), 0, 1)
+    blob = np.exp(-((x - 40) ** 2 + (y - 30) ** 2) / (60 + 40 * number))
+    shade = depth[:, None, None] * blob * 70
+    base = np.stack((100 + x / 4, 110 + y / 4, 120 - x / 4), axis=-1)
+    return np.clip(base + shade[..., None], 0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    import av
+
+    folder = tmp_path_factory.mktemp("clips") / "my-clips"
+    folder.mkdir()
+    for number in range(3):
+        with av.open(str(folder / f"ball_{number}.mov"), "w") as container:
+            stream = container.add_stream("mpeg4", rate=25)
+            stream.width, stream.height, stream.pix_fmt = 80, 64, "yuv420p"
+            for image in press(number):
+                frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode(None))
+    return folder
+
+
+def test_there_are_pages_and_blocks() -> None:
+    assert sum(len(BLOCK.findall(page.read_text())) for page in PAGES) > 5
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_code_blocks(page: Path, clips: Path, tmp_path: Path) -> None:
+    (tmp_path / "my-clips").symlink_to(clips)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    folder = Path(sys.executable).parent
+    environment = {**os.environ, "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"}
+    for match in BLOCK.finditer(page.read_text()):
+        language, code = match["language"], match["code"]
+        assert language in RUN + SHOWN, f"a block in {language!r}: neither run nor plain text"
+        if match["skip"] or language in SHOWN:
+            continue
+        command = ["bash", "-euo", "pipefail", "-c", code]
+        if language == "python":
+            command = [sys.executable, "-W", "error", "-c", code]
+        done = subprocess.run(
+            command,
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=240,
+            check=False,
+        )
+        assert done.returncode == 0, f"{page.name}:\n{code}\n{done.stdout}\n{done.stderr}"
