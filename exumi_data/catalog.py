@@ -242,23 +242,30 @@ def write_catalog(root: Path, table: "pa.Table") -> Path:
 
     target = root / CATALOG_NAME
     with atomic_file(target) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
+        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
     return target
 
 
 def read_catalog(root: Path) -> "pa.Table | None":
-    """Read ``catalog.parquet``; None when it is missing, unreadable or of another schema."""
+    """Read ``catalog.parquet``; None when it is missing, damaged or of another schema."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(root / CATALOG_NAME, memory_map=False)
-    except (FileNotFoundError, pa.ArrowException, OSError):
+        with pq.ParquetFile(root / CATALOG_NAME, page_checksum_verification=True) as file:
+            table = file.read()
+        table.validate(full=True)
+    except (pa.ArrowException, OSError, ValueError):
         return None
-    wanted = catalog_schema()
-    if not set(wanted.names) <= set(table.schema.names):
-        return None
-    return table
+    return table if all(_has(table, field) for field in catalog_schema()) else None
+
+
+def _has(table: "pa.Table", field: "pa.Field") -> bool:
+    """Whether a table has a column, once, of that type."""
+    if table.schema.get_all_field_indices(field.name) != [table.schema.get_field_index(field.name)]:
+        return False
+    column = table.column(field.name)
+    return bool(column.type == field.type and (field.nullable or not column.null_count))
 
 
 def fingerprint(table: "pa.Table") -> str:

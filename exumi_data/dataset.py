@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import DamagedDataError, NotAnEpisodeError, UsageError
 from exumi_data.model.dataset import DatasetMetadata, SplitDocument
-from exumi_data.model.documents import dump, parse_dataset, parse_split
+from exumi_data.model.documents import MAX_DOCUMENT_BYTES, dump, parse_dataset, parse_split
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -28,10 +28,12 @@ class CatalogWarning(UserWarning):
 class Dataset:
     """A dataset, or a selection of its episodes, opened for reading.
 
-    Attributes
+    Parameters
     ----------
     path : str
+        The dataset's folder.
     metadata : DatasetMetadata
+        What ``dataset.json`` says.
     catalog : pyarrow.Table
         One row an episode, in the order of this object.
     """
@@ -82,7 +84,22 @@ class Dataset:
             yield self._open(index)
 
     def episode_location(self, index: int) -> str:
-        """Return the full path of an episode."""
+        """Return the full path of an episode.
+
+        Parameters
+        ----------
+        index : int
+            Position in this object.
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        DamagedDataError
+            The catalog names a path outside the dataset.
+        """
         from exumi_data.store.paths import check_member_path
 
         relative = self.catalog.column("path")[index].as_py()
@@ -95,6 +112,13 @@ class Dataset:
                 f"the catalog says {self.ids[index]}, the episode says {episode.id}",
                 where=episode.path,
                 fix=f"Write the catalog again with: exumi index {self.path}",
+            )
+        if episode.root_sha256 != self.catalog.column("root_sha256")[index].as_py():
+            warnings.warn(
+                f"{episode.path}: the episode changed after the catalog was written. Write it "
+                f"again with: exumi index {self.path}",
+                CatalogWarning,
+                stacklevel=3,
             )
         return episode
 
@@ -202,18 +226,23 @@ def open_dataset(path: str | os.PathLike[str]) -> Dataset:
 
     root = Path(path)
     try:
-        raw = (root / DATASET_DOCUMENT).read_bytes()
-    except (FileNotFoundError, NotADirectoryError):
+        with (root / DATASET_DOCUMENT).open("rb") as file:
+            raw = file.read(MAX_DOCUMENT_BYTES + 1)
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
         raise NotAnEpisodeError(
             "no dataset.json: not an exUMI dataset",
             where=path,
             fix="Make one with: exumi convert SRC DST",
         ) from None
+    except OSError as error:
+        raise DamagedDataError(
+            f"cannot be read ({error.strerror})", where=root / DATASET_DOCUMENT
+        ) from error
     metadata = parse_dataset(raw, root / DATASET_DOCUMENT)
     table = catalogs.read_catalog(root)
     present = catalogs.list_episodes(root)
     known = [] if table is None else table.column("path").to_pylist()
-    if table is None or set(known) != set(present):
+    if table is None or sorted(known) != present:
         warnings.warn(
             f"{root}: the catalog is {'missing' if table is None else 'stale'} and was built in "
             f"memory. Write it with: exumi index {root}",
@@ -230,11 +259,27 @@ def open_dataset(path: str | os.PathLike[str]) -> Dataset:
                 fix=f"See all with: exumi validate {root}",
             )
         if table is not None:
-            rows = [r for r in table.to_pylist() if r["path"] in set(present)]
-            table = catalogs.rows_to_table(rows + added.to_pylist())
+            here = set(present)
+            rows = {row["path"]: row for row in table.to_pylist() if row["path"] in here}
+            table = catalogs.rows_to_table([*rows.values(), *added.to_pylist()])
         else:
             table = added
+    _check_ids(root, table)
     return Dataset(str(path).rstrip("/") or "/", metadata, table)
+
+
+def _check_ids(root: Path, table: "pa.Table") -> None:
+    paths: dict[str, str] = {}
+    for episode_id, path in zip(
+        table.column("id").to_pylist(), table.column("path").to_pylist(), strict=True
+    ):
+        if episode_id in paths:
+            raise DamagedDataError(
+                f"{paths[episode_id]} and {path} are the same episode, {episode_id}",
+                where=root,
+                fix="Remove one of them.",
+            )
+        paths[episode_id] = path
 
 
 def create_dataset(path: str | os.PathLike[str], metadata: DatasetMetadata) -> Path:

@@ -1,5 +1,6 @@
 """Map a function over episodes with processes: bounded queues, crashes named, Ctrl-C clean."""
 
+import copy
 import multiprocessing
 import os
 import signal
@@ -11,7 +12,7 @@ from typing import Generic, TypeVar
 
 from exumi_data.errors import ExumiError
 
-__all__ = ["Outcome", "default_workers", "map_items"]
+__all__ = ["Outcome", "default_workers", "map_items", "warm_up"]
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -34,8 +35,14 @@ def default_workers() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
+class _Stopped(SystemExit):
+    """The parent told this worker to end."""
+
+
 def _stop(*_: object) -> None:
-    raise SystemExit(1)
+    # When one worker has ended, the pool tells the others again, while they still clean up.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise _Stopped(1)
 
 
 def _prepare_worker() -> None:
@@ -81,7 +88,9 @@ def map_items(
         # A pool broke. Each item that was under way is tried alone: the one that breaks a pool
         # of its own is the culprit.
         for item in suspects:
-            yield _alone(function, item)
+            died = yield from _run_pool(function, iter([item]), 1)
+            if died:
+                yield Outcome(item, None, _crash())
 
 
 def _call(function: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]:
@@ -91,18 +100,52 @@ def _call(function: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]
         return Outcome(item, None, error)
 
 
+def warm_up(*modules: str) -> None:
+    """Let modules be imported for the workers to come, while this process does something else.
+
+    Worker processes are forked from a helper process: what that one has imported, they need not.
+    Without effect once there have been workers, and where processes cannot be forked.
+
+    Parameters
+    ----------
+    *modules : str
+        Modules that hold the functions for `map_items`.
+    """
+    if os.name != "posix":
+        return
+    from multiprocessing import forkserver
+
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["__main__", *modules])
+    forkserver.ensure_running()
+
+
+def _work(function: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]:
+    """Call `function` in a worker process."""
+    try:
+        outcome = _call(function, item)
+    except _Stopped:
+        # What was half written is removed by now; the pool would go on to the next item.
+        os._exit(1)
+    except SystemExit as error:
+        return Outcome(item, None, ExumiError(f"it ended its process (status {error.code})"))
+    if outcome.error is not None:
+        return Outcome(item, None, _portable(outcome.error))
+    return outcome
+
+
+def _portable(error: Exception) -> Exception:
+    """Return an exception that another process can rebuild: one that it cannot breaks the pool."""
+    try:
+        copy.copy(error)
+    except Exception:  # noqa: BLE001  # whatever a third party's constructor does
+        return ExumiError(f"{type(error).__name__}: {error}")
+    return error
+
+
 def _pool(workers: int) -> ProcessPoolExecutor:
     context = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
     return ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
-
-
-def _alone(function: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]:
-    with _pool(1) as pool:
-        future = pool.submit(_call, function, item)
-        try:
-            return future.result()
-        except BrokenProcessPool:
-            return Outcome(item, None, _crash())
 
 
 def _crash() -> ExumiError:
@@ -116,29 +159,36 @@ def _crash() -> ExumiError:
 def _run_pool(
     function: Callable[[Item], Value], source: Iterator[Item], workers: int
 ) -> Generator[Outcome[Item, Value], None, list[Item]]:
-    """Run items until the source ends; return those under way if the pool breaks."""
+    """Run items until the source ends; return those that were under way if the pool breaks."""
     pool = _pool(workers)
     pending: dict[Future[Outcome[Item, Value]], Item] = {}
+    suspects: list[Item] = []
     exhausted = False
     try:
         while True:
-            while not exhausted and len(pending) < workers * _QUEUED_PER_WORKER:
+            while not (exhausted or suspects) and len(pending) < workers * _QUEUED_PER_WORKER:
                 try:
                     item = next(source)
                 except StopIteration:
                     exhausted = True
                     break
-                pending[pool.submit(_call, function, item)] = item
+                try:
+                    pending[pool.submit(_work, function, item)] = item
+                except BrokenProcessPool:
+                    suspects.append(item)
             if not pending:
-                return []
+                return suspects
             done, _ = wait(pending, return_when=FIRST_COMPLETED)
             for future in done:
-                item = pending[future]
-                outcome = future.result()
-                del pending[future]
-                yield outcome
-    except BrokenProcessPool:
-        return list(pending.values())
+                item = pending.pop(future)
+                error = future.exception()
+                if isinstance(error, BrokenProcessPool):
+                    suspects.append(item)
+                elif error is None:
+                    yield future.result()
+                else:
+                    # The function, the item or its value cannot be sent between processes.
+                    yield Outcome(item, None, ExumiError(f"{type(error).__name__}: {error}"))
     except BaseException:
         for process in list(pool._processes.values()):  # no public way to stop
             process.terminate()

@@ -1,5 +1,6 @@
 """An episode, read: metadata at once, arrays and frames when they are asked for."""
 
+import hashlib
 import os
 from collections.abc import Iterator, Mapping
 from functools import cached_property
@@ -24,11 +25,19 @@ __all__ = ["Episode", "StreamView", "open_episode"]
 class StreamView:
     """One stream of an episode.
 
-    Attributes
+    Parameters
     ----------
-    name, kind : str
+    episode : Episode
+        The episode that it belongs to.
+    name : str
+        Its name there.
     metadata : StreamModel
         Clock, sensor, encoding and so on.
+
+    Attributes
+    ----------
+    kind : str
+        ``tactile``, ``rgb``, ``pose``, ``width``, ``wrench``, ``taxels`` or ``vendor:name``.
     """
 
     def __init__(self, episode: "Episode", name: str, metadata: StreamModel) -> None:
@@ -48,6 +57,15 @@ class StreamView:
 
     def array(self, name: str) -> np.ndarray:
         """Return one of the stream's arrays by name, whole.
+
+        Parameters
+        ----------
+        name : str
+            One of ``metadata.arrays``.
+
+        Returns
+        -------
+        ndarray
 
         Raises
         ------
@@ -72,7 +90,13 @@ class StreamView:
     @cached_property
     def time(self) -> np.ndarray:
         """(N,) int64: nanoseconds since the episode's start, strictly increasing."""
-        return self.array("time")
+        time = self.array("time")
+        if time.ndim != 1 or time.dtype != np.int64:
+            raise DamagedDataError(
+                f"`time` is {time.shape} {time.dtype}, expected (N,) int64",
+                where=f"{self._episode.path}/{self._path}",
+            )
+        return time
 
     @property
     def time_host(self) -> np.ndarray | None:
@@ -132,6 +156,15 @@ class StreamView:
     def encoded(self, index: int) -> bytes:
         """Return the bytes of one frame's own file, as the camera made them.
 
+        Parameters
+        ----------
+        index : int
+            The frame; negative counts from the end.
+
+        Returns
+        -------
+        bytes
+
         Raises
         ------
         UsageError
@@ -152,6 +185,15 @@ class StreamView:
 
     def container(self, file: int = 0) -> bytes:
         """Return the bytes of one video file, verbatim.
+
+        Parameters
+        ----------
+        file : int
+            Position in ``metadata.images.files``.
+
+        Returns
+        -------
+        bytes
 
         Raises
         ------
@@ -178,7 +220,13 @@ class StreamView:
     @cached_property
     def activity(self) -> np.ndarray | None:
         """(N,) float32 or None: fraction of active pixels of each tactile frame (derived)."""
-        return self._episode.derived_array(f"{self.name}/activity")
+        activity = self._episode.derived_array(f"{self.name}/activity")
+        if activity is not None and activity.shape != (len(self),):
+            raise DamagedDataError(
+                f"activity of {activity.shape} for {len(self)} frames",
+                where=f"{self._episode.path}/derived/{self.name}/activity",
+            )
+        return activity
 
     @property
     def salient(self) -> np.ndarray | None:
@@ -189,11 +237,18 @@ class StreamView:
 class Episode:
     """An episode: a folder or a packed zip, opened for reading. Reading never writes.
 
+    Parameters
+    ----------
+    store : FolderStore or ZipStore
+        Where its files are; `exumi_data.open` makes it from a path.
+
     Attributes
     ----------
     metadata : EpisodeMetadata
     streams : mapping of str to StreamView
     path : str
+    root_sha256 : str
+        Digest of the root document: it changes whenever the metadata does.
     """
 
     def __init__(self, store: FolderStore | ZipStore) -> None:
@@ -206,6 +261,7 @@ class Episode:
                 "no zarr.json: not an exUMI Episode, or one that was never finished",
                 where=self.path,
             ) from None
+        self.root_sha256 = hashlib.sha256(raw).hexdigest()
         self.metadata: EpisodeMetadata = parse_episode(raw, f"{self.path}/zarr.json")
         self._streams = {
             name: StreamView(self, name, model) for name, model in self.metadata.streams.items()
@@ -241,7 +297,17 @@ class Episode:
         return f"<Episode {self.id} ({', '.join(self._streams)})>"
 
     def of_kind(self, kind: str) -> list[StreamView]:
-        """List the streams of a kind, in their order."""
+        """List the streams of a kind, in their order.
+
+        Parameters
+        ----------
+        kind : str
+            Such as ``tactile``.
+
+        Returns
+        -------
+        list of StreamView
+        """
         return [stream for stream in self._streams.values() if stream.kind == kind]
 
     @cached_property
@@ -254,7 +320,17 @@ class Episode:
         return parse_derived(raw, f"{self.path}/derived/zarr.json")
 
     def derived_array(self, key: str) -> np.ndarray | None:
-        """Return a derived array by ``<stream>/<name>``, or None when it was not computed."""
+        """Return a derived array, or None when it was not computed.
+
+        Parameters
+        ----------
+        key : str
+            ``<stream>/<name>``, such as ``tactile_left/activity``.
+
+        Returns
+        -------
+        ndarray or None
+        """
         from exumi_data.store.shards import open_array  # keeps the import light
 
         if self.derived is None or key not in self.derived.items:
@@ -312,7 +388,7 @@ def open_episode(path: str | os.PathLike[str]) -> Episode:
     ------
     NotAnEpisodeError, MetadataError, UnsupportedError, DamagedDataError
     """
-    text = os.fspath(path)
+    text = os.fsdecode(path)
     name = text.rstrip("/").rpartition("/")[2]
     if name.startswith(".partial-"):
         raise DamagedDataError(

@@ -95,6 +95,9 @@ class MetadataError(ExumiError):
         self.problems = problems
         super().__init__(what, where=where, fix=fix)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return (*super().__reduce__(), {"problems": self.problems})
+
 
 class DamagedDataError(ExumiError):
     """Bytes are missing or wrong: a missing shard, a wrong checksum, a file cut short."""

@@ -37,22 +37,26 @@ def open(path: str | os.PathLike[str]) -> Dataset | Episode:  # as in tarfile.op
     >>> ds[0]["tactile_left"].frames[10].shape  # doctest: +SKIP
     (240, 320, 3)
     """
-    text = os.fspath(path)
+    text = os.fsdecode(path)
+    if not text:
+        raise NotAnEpisodeError("no path was given")
     if "://" in text:
         raise UnsupportedError(
             "URLs are not read yet", where=text, fix="Download it and give the local path."
         )
     target = Path(text)
-    if target.is_dir():
-        if (target / DATASET_DOCUMENT).is_file():
-            return open_dataset(text)
-        if (target / "zarr.json").is_file() or target.name.endswith(".zarr"):
-            return open_episode(text)
-        raise NotAnEpisodeError(
-            "neither a dataset (no dataset.json) nor an episode (no zarr.json)",
-            where=text,
-            fix="Convert other data with: exumi convert SRC DST",
-        )
-    if target.is_file():
+    try:
+        is_folder = target.is_dir()
+        is_dataset = is_folder and (target / DATASET_DOCUMENT).is_file()
+        is_episode = not is_folder or (target / "zarr.json").is_file()
+    except OSError as error:  # such as a name that is too long, or no permission
+        raise NotAnEpisodeError(f"cannot be opened ({error.strerror})", where=text) from error
+    if is_dataset:
+        return open_dataset(text)
+    if is_episode or target.name.endswith(".zarr"):
         return open_episode(text)
-    raise NotAnEpisodeError("no such file or folder", where=text)
+    raise NotAnEpisodeError(
+        "neither a dataset (no dataset.json) nor an episode (no zarr.json)",
+        where=text,
+        fix="Convert other data with: exumi convert SRC DST",
+    )

@@ -93,7 +93,15 @@ def split_ids(
     dataset : Dataset
     split : str
         ``train`` or ``val`` of `make_split`; or ``<name>/<list>`` of a split stored with the
-        dataset, in which case `by`, `ratio` and `seed` play no part.
+        dataset, in which case the other parameters play no part.
+    by : {"episode", "object", "part"}
+    ratio : (int, int)
+    seed : int
+        See `make_split`.
+
+    Returns
+    -------
+    list of str
 
     Raises
     ------

@@ -3,7 +3,14 @@
 import re
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    StringConstraints,
+    model_validator,
+)
 from pydantic_core.core_schema import ValidationInfo
 
 __all__ = [
@@ -39,8 +46,9 @@ Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 Timestamp = Annotated[
     str,
     StringConstraints(
-        pattern=r"^\d{4}-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])"
-        r"T([01]\d|2[0-3]):[0-5]\d:([0-5]\d|60)(\.\d{1,9})?Z$"
+        # Not \d, which takes the digits of all scripts.
+        pattern=r"^[0-9]{4}-(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])"
+        r"T([01][0-9]|2[0-3]):[0-5][0-9]:([0-5][0-9]|60)(\.[0-9]{1,9})?Z$"
     ),
 ]
 # 60000/1001 is a rate; 59.94 is a rounding of it.
@@ -71,10 +79,15 @@ class Model(BaseModel):
         ser_json_inf_nan="constants",
     )
 
+    _newer_minor: bool = PrivateAttr(default=False)
+
     @model_validator(mode="after")
     def _unknown_keys(self, info: ValidationInfo) -> "Model":
-        if self.model_extra and not (info.context or {}).get("newer_minor"):
-            unknown = [key for key in self.model_extra if not _EXTENSION_KEY.match(key)]
+        if (info.context or {}).get("newer_minor"):
+            # Remembered, because this also runs whenever a field is assigned to.
+            self._newer_minor = True
+        if self.model_extra and not self._newer_minor:
+            unknown = [key for key in self.model_extra if not _EXTENSION_KEY.fullmatch(key)]
             if unknown:
                 msg = (
                     f"unknown key {', '.join(sorted(unknown))!r}; "

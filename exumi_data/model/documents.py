@@ -4,9 +4,11 @@ All problems of a document are collected, each as ``message @ $.json.path``.
 """
 
 import json
+import math
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
+from pydantic_core import PydanticSerializationError
 
 from exumi_data.errors import MetadataError, UnsupportedError
 from exumi_data.model.base import Model
@@ -21,6 +23,7 @@ from exumi_data.model.episode import (
 
 __all__ = [
     "KNOWN_FEATURES",
+    "MAX_DOCUMENT_BYTES",
     "check_requires",
     "check_version",
     "derived_group_document",
@@ -39,7 +42,8 @@ __all__ = [
 KNOWN_FEATURES: frozenset[str] = frozenset()
 """Entries of ``requires`` that this version understands: 1.0 defines none."""
 
-_MAX_DOCUMENT_BYTES = 64 << 20
+MAX_DOCUMENT_BYTES = 64 << 20
+"""Size of the largest metadata document that is read."""
 
 M = TypeVar("M", bound=Model)
 
@@ -52,10 +56,10 @@ def load_json(raw: bytes, where: object) -> dict[str, Any]:
     MetadataError
         Not UTF-8, not JSON, not an object, or larger than 64 MiB.
     """
-    if len(raw) > _MAX_DOCUMENT_BYTES:
+    if len(raw) > MAX_DOCUMENT_BYTES:
         raise MetadataError("metadata document is larger than 64 MiB", where=where)
     try:
-        value = json.loads(raw)
+        value = json.loads(raw.decode(), parse_constant=_refuse_constant, parse_float=_finite_float)
     except RecursionError:
         raise MetadataError("JSON is nested too deeply", where=where) from None
     except ValueError as error:
@@ -64,6 +68,19 @@ def load_json(raw: bytes, where: object) -> dict[str, Any]:
         ) from None
     if not isinstance(value, dict):
         raise MetadataError("expected a JSON object", where=where)
+    return value
+
+
+def _refuse_constant(name: str) -> float:
+    msg = f"{name} is no number in JSON"
+    raise ValueError(msg)
+
+
+def _finite_float(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        msg = f"the number {text} is too large"
+        raise ValueError(msg)
     return value
 
 
@@ -169,6 +186,8 @@ def problems_of(error: ValidationError) -> list[tuple[str, str]]:
 def _validate(model: type[M], document: dict[str, Any], *, newer: bool, where: object) -> M:
     try:
         return model.model_validate_json(json.dumps(document), context={"newer_minor": newer})
+    except RecursionError:
+        raise MetadataError("JSON is nested too deeply", where=where) from None
     except ValidationError as error:
         problems = tuple(f"{message} @ {path}" for message, path in problems_of(error))
         what = problems[0] if len(problems) == 1 else f"{len(problems)} problems in the metadata: "
@@ -233,12 +252,38 @@ def parse_split(raw: bytes, where: object) -> SplitDocument:
 
 
 def dump(model: Model) -> dict[str, Any]:
-    """Turn a model into a JSON object; fields that were never set are left out."""
-    document = model.model_dump(mode="json", exclude_unset=True)
+    """Turn a model into a JSON object; fields that were never set are left out.
+
+    Raises
+    ------
+    MetadataError
+        A value that JSON does not have, such as NaN or an array.
+    """
+    _mark_filled(model)
+    try:
+        document = model.model_dump(mode="json", exclude_unset=True)
+        json.dumps(document, ensure_ascii=False, allow_nan=False).encode()
+    except (ValueError, PydanticSerializationError) as error:
+        raise MetadataError(f"cannot be written as JSON ({error})") from None
     for key in ("version", "format"):
         if key in type(model).model_fields:
             document = {key: getattr(model, key), **{k: v for k, v in document.items() if k != key}}
     return document
+
+
+def _mark_filled(value: Any) -> None:
+    """Mark fields as set whose default list or mapping was filled in place."""
+    if isinstance(value, Model):
+        for name, field in type(value).model_fields.items():
+            if getattr(value, name) != field.get_default(call_default_factory=True):
+                value.model_fields_set.add(name)
+            _mark_filled(getattr(value, name))
+    elif isinstance(value, dict):
+        for item in value.values():
+            _mark_filled(item)
+    elif isinstance(value, list):
+        for item in value:
+            _mark_filled(item)
 
 
 def _to_bytes(document: dict[str, Any]) -> bytes:
@@ -247,9 +292,7 @@ def _to_bytes(document: dict[str, Any]) -> bytes:
 
 def group_document(attributes: dict[str, Any] | None = None) -> bytes:
     """Return a Zarr v3 group document."""
-    return _to_bytes(
-        {"zarr_format": 3, "node_type": "group", "attributes": attributes or {}}
-    )
+    return _to_bytes({"zarr_format": 3, "node_type": "group", "attributes": attributes or {}})
 
 
 def episode_root_document(metadata: EpisodeMetadata) -> bytes:

@@ -9,20 +9,21 @@ import os
 import stat
 import struct
 import zipfile
-from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from exumi_data.errors import DamagedDataError, NotAnEpisodeError
+from exumi_data.errors import DamagedDataError, ExumiError, LimitError, NotAnEpisodeError
 from exumi_data.store.paths import check_member_path
 
 __all__ = ["FolderStore", "OpenFiles", "Store", "ZipStore", "open_store"]
 
+_LOCAL_MAGIC = b"PK\x03\x04"
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")
 _ENCRYPTED = 0x1
 _DATA_DESCRIPTOR = 0x8
+_MAX_WHOLE_FILE = 64 << 20
 
 
 class Store(Protocol):
@@ -32,7 +33,7 @@ class Store(Protocol):
     """The path, for messages."""
 
     def read(self, path: str) -> bytes:
-        """Return a whole file. Raises `FileNotFoundError`."""
+        """Return a whole small file. Raises `FileNotFoundError`; `LimitError` above 64 MiB."""
         ...
 
     def read_range(self, path: str, start: int, length: int) -> bytes:
@@ -53,13 +54,13 @@ class Store(Protocol):
 
 
 def _read_exactly(descriptor: int, start: int, length: int, where: str) -> bytes:
-    data = os.pread(descriptor, length, start)
+    data = _read_some(descriptor, length, start, where)
     if len(data) == length:
         return data
     parts = [data]
     got = len(data)
     while got < length:
-        data = os.pread(descriptor, length - got, start + got)
+        data = _read_some(descriptor, length - got, start + got, where)
         if not data:
             raise DamagedDataError(
                 f"file is cut short: {length} bytes at {start} asked for, {got} there",
@@ -71,6 +72,23 @@ def _read_exactly(descriptor: int, start: int, length: int, where: str) -> bytes
     return b"".join(parts)
 
 
+def _read_some(descriptor: int, length: int, start: int, where: str) -> bytes:
+    try:
+        return os.pread(descriptor, length, start)
+    except OSError as error:
+        raise _unreadable(where, error) from error
+
+
+def _read_small(descriptor: int, start: int, length: int, where: str) -> bytes:
+    if length > _MAX_WHOLE_FILE:
+        raise LimitError(f"a metadata file of {length:,} bytes", where=where)
+    return _read_exactly(descriptor, start, length, where)
+
+
+def _unreadable(where: str, error: OSError) -> ExumiError:
+    return DamagedDataError(f"cannot be read ({error.strerror})", where=where)
+
+
 class _OpenFile:
     """An open descriptor; closed when its last user drops it."""
 
@@ -78,7 +96,9 @@ class _OpenFile:
 
     def __init__(self, path: str) -> None:
         # A link could lead anywhere, also out of the store.
-        self.descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        # Opening a pipe would wait for ever for its writer.
+        flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+        self.descriptor = os.open(path, flags)
         info = os.fstat(self.descriptor)
         self.size = info.st_size
         if not stat.S_ISREG(info.st_mode):
@@ -104,19 +124,16 @@ class OpenFiles:
 
     def __init__(self, limit: int = 8) -> None:
         self._limit = limit
-        self._files: OrderedDict[str, _OpenFile] = OrderedDict()
+        self._files: dict[str, _OpenFile] = {}
 
     def get(self, path: str) -> _OpenFile:
         """Open a file, or return it if it is open. Raises `OSError`."""
-        found = self._files.get(path)
-        if found is None:
-            found = _OpenFile(path)
-            self._files[path] = found
-            if len(self._files) > self._limit:
-                self._files.popitem(last=False)
-        else:
-            with suppress(KeyError):  # another thread closed it meanwhile; ours stays valid
-                self._files.move_to_end(path)
+        # Threads may come between any two lines: a file is then opened twice, and nothing worse.
+        found = self._files.pop(path, None) or _OpenFile(path)
+        self._files[path] = found
+        if len(self._files) > self._limit:
+            with suppress(StopIteration, RuntimeError):
+                self._files.pop(next(iter(self._files)), None)
         return found
 
     def clear(self) -> None:
@@ -139,16 +156,19 @@ class FolderStore:
         self.location = str(path)
         self._files = files or OpenFiles()
         self._folders: set[str] = {""}
+        self._names: dict[str, str] = {}
 
     def _check(self, path: str) -> None:
         """Refuse unsafe paths and folders that are links. Each folder is asked once."""
+        check_member_path(path, self.location)
         folder = path.rpartition("/")[0]
         if folder in self._folders:
             return
-        check_member_path(path, self.location)
         parts = folder.split("/")
         for depth in range(1, len(parts) + 1):
             part = "/".join(parts[:depth])
+            if part in self._folders:
+                continue
             try:
                 mode = os.lstat(f"{self.location}/{part}").st_mode
             except NotADirectoryError:
@@ -161,27 +181,34 @@ class FolderStore:
         self._check(path)
         return self._opened(path, self._files.get)
 
-    def _opened(self, path: str, opener: Callable[[str], _OpenFile]) -> _OpenFile:
+    def _opened(
+        self, path: str, opener: Callable[[str], _OpenFile], name: str | None = None
+    ) -> _OpenFile:
         try:
-            return opener(f"{self.location}/{path}")
-        except (NotADirectoryError, IsADirectoryError):
+            return opener(name or f"{self.location}/{path}")
+        except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
             raise FileNotFoundError(path) from None
         except OSError as error:
             if error.errno == errno.ELOOP:
                 raise _link_error(path, self.location) from None
-            raise
+            raise _unreadable(f"{self.location}/{path}", error) from error
 
     def read(self, path: str) -> bytes:
         """Return a whole file."""
         self._check(path)
         # Whole reads are of small files that are read once: their descriptor is not kept.
         file = self._opened(path, _OpenFile)
-        return _read_exactly(file.descriptor, 0, file.size, f"{self.location}/{path}")
+        return _read_small(file.descriptor, 0, file.size, f"{self.location}/{path}")
 
     def read_range(self, path: str, start: int, length: int) -> bytes:
         """Return exactly `length` bytes from `start`."""
-        file = self._file(path)
-        return _read_exactly(file.descriptor, start, length, f"{self.location}/{path}")
+        where = self._names.get(path)
+        if where is None:
+            file = self._file(path)
+            where = self._names[path] = f"{self.location}/{path}"
+        else:  # checked before: frames are read by the hundred from one file
+            file = self._opened(path, self._files.get, where)
+        return _read_exactly(file.descriptor, start, length, where)
 
     def size(self, path: str) -> int:
         """Return a file's size in bytes."""
@@ -190,13 +217,18 @@ class FolderStore:
             info = os.lstat(f"{self.location}/{path}")
         except NotADirectoryError:
             raise FileNotFoundError(path) from None
+        if stat.S_ISLNK(info.st_mode):
+            raise _link_error(path, self.location)
         if not stat.S_ISREG(info.st_mode):
             raise FileNotFoundError(path)
         return info.st_size
 
     def paths(self) -> list[str]:
         """List all files, sorted by path."""
-        return sorted(_walk(self.location, ""))
+        try:
+            return sorted(_walk(self.location, ""))
+        except OSError as error:
+            raise _unreadable(self.location, error) from error
 
     def close(self) -> None:
         """Close open files."""
@@ -217,12 +249,15 @@ def _walk(root: str, prefix: str) -> Iterator[str]:
     with os.scandir(f"{root}/{prefix}" if prefix else root) as entries:
         for entry in entries:
             path = f"{prefix}/{entry.name}" if prefix else entry.name
+            check_member_path(path, root)
             if entry.is_symlink():
                 raise _link_error(path, root)
             if entry.is_dir():
                 yield from _walk(root, path)
-            else:
+            elif entry.is_file():
                 yield path
+            else:
+                raise DamagedDataError(f"{path} is neither a file nor a folder", where=root)
 
 
 class ZipStore:
@@ -248,7 +283,14 @@ class ZipStore:
         try:
             with zipfile.ZipFile(self.location) as archive:
                 infos = archive.infolist()
-        except (zipfile.BadZipFile, ValueError, OverflowError, NotImplementedError) as error:
+        except (
+            zipfile.BadZipFile,
+            ValueError,
+            OverflowError,
+            NotImplementedError,
+            OSError,
+            struct.error,
+        ) as error:
             raise DamagedDataError(
                 f"not a readable zip ({error})",
                 where=self.location,
@@ -256,9 +298,12 @@ class ZipStore:
             ) from None
         members: dict[str, tuple[int, int]] = {}
         for info in infos:
-            name = check_member_path(info.orig_filename, self.location)
+            is_folder = info.orig_filename.endswith("/")
+            name = check_member_path(info.orig_filename.removesuffix("/"), self.location)
             problem = None
-            if name in members:
+            if is_folder:
+                problem = "is a directory entry; a packed episode has files only"
+            elif name in members:
                 problem = "appears twice"
             elif info.compress_type != zipfile.ZIP_STORED:
                 problem = "is compressed; a packed episode is stored only"
@@ -268,13 +313,13 @@ class ZipStore:
                 problem = "has two different sizes"
             elif stat.S_ISLNK(info.external_attr >> 16):
                 problem = "is a link"
-            elif info.header_offset + info.file_size > self._file_size:
+            elif not 0 <= info.header_offset <= self._file_size - info.file_size:
                 problem = "lies beyond the end of the file"
             if problem:
                 raise DamagedDataError(
                     f"{name} {problem}",
                     where=self.location,
-                    fix="Unpack it elsewhere and pack it again with exUMI Data.",
+                    fix="Unpack it elsewhere and pack it again with: exumi pack",
                 )
             members[name] = (info.header_offset, info.file_size)
         return members
@@ -287,10 +332,19 @@ class ZipStore:
         start = self._starts.get(path)
         if start is None:
             # The local header's extra field may differ from the directory's, so it is read.
-            raw = self._read_at(header, _LOCAL_HEADER.size, self.location)
-            fields = _LOCAL_HEADER.unpack(raw)
+            name = path.encode()
+            raw = self._read_at(header, _LOCAL_HEADER.size + len(name), self.location)
+            fields = _LOCAL_HEADER.unpack_from(raw)
             start = header + _LOCAL_HEADER.size + fields[9] + fields[10]
-            if fields[0] != b"PK\x03\x04" or start + size > self._file_size:
+            sound = (
+                fields[0] == _LOCAL_MAGIC
+                and not fields[2] & (_ENCRYPTED | _DATA_DESCRIPTOR)
+                and fields[3] == zipfile.ZIP_STORED
+                and fields[9] == len(name)
+                and raw.endswith(name)
+                and start + size <= self._file_size
+            )
+            if not sound:
                 raise DamagedDataError(f"{path} has no valid local header", where=self.location)
             self._starts[path] = start
         return start, size
@@ -301,7 +355,8 @@ class ZipStore:
     def read(self, path: str) -> bytes:
         """Return a whole member."""
         start, size = self._locate(path)
-        return self._read_at(start, size, f"{self.location}!{path}")
+        where = f"{self.location}!{path}"
+        return _read_small(self._files.get(self._real).descriptor, start, size, where)
 
     def read_range(self, path: str, start: int, length: int) -> bytes:
         """Return exactly `length` bytes from `start`."""
@@ -354,8 +409,23 @@ def open_store(
         The zip is not a stored zip, is cut short, or holds unsafe names.
     """
     target = Path(path)
-    if target.is_dir():
-        return FolderStore(target, files)
-    if target.is_file():
-        return ZipStore(target, files)
+    try:
+        if target.is_dir():
+            return FolderStore(target, files)
+        if target.is_file():
+            return _open_zip(target, files)
+    except OSError as error:
+        raise _unreadable(str(path), error) from error
     raise NotAnEpisodeError("no such file or folder", where=path)
+
+
+def _open_zip(path: Path, files: OpenFiles | None) -> ZipStore:
+    with path.open("rb") as file:
+        beginning = file.read(4)
+    if beginning != _LOCAL_MAGIC:
+        raise NotAnEpisodeError(
+            "neither an episode's folder nor a packed episode",
+            where=path,
+            fix="Convert other data with: exumi convert SRC DST",
+        )
+    return ZipStore(path, files)

@@ -1,9 +1,11 @@
 """Writing an episode: aside, root metadata last, then renamed to its final name."""
 
 import os
+import re
 import shutil
+import weakref
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -20,18 +22,30 @@ from exumi_data.model.documents import (
 from exumi_data.model.episode import DerivedItem, DerivedMetadata, EpisodeMetadata
 from exumi_data.model.images import ArrayImages, EncodedImages, VideoImages
 from exumi_data.model.streams import Stream
-from exumi_data.store.files import replace_folder, sync_tree
+from exumi_data.store.files import (
+    claim_folder,
+    replace_folder,
+    sync_file_system,
+    sync_tree,
+)
+from exumi_data.store.images import MAX_FRAME_BYTES
 from exumi_data.store.shards import ArrayWriter
+from exumi_data.store.stream_copy import CopiedStream, copy_files
 from exumi_data.store.stream_writer import (
     DataStreamWriter,
     EncodedStreamWriter,
     StreamWriter,
     VideoStreamWriter,
 )
+from exumi_data.store.zarr_document import DTYPES
+
+if TYPE_CHECKING:
+    from exumi_data.episode import Episode
 
 __all__ = ["EpisodeWriter"]
 
 _STREAM: TypeAdapter[Any] = TypeAdapter(Stream)
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 _UNKNOWN_CLOCK = Clock(source="unknown", stamp_point="unknown")
 
 
@@ -46,15 +60,17 @@ class EpisodeWriter:
         Everything but the streams, which `add_stream` adds.
     overwrite : bool
         Replace an existing episode (only once the new one is complete).
-    durable : bool
-        Make every file survive a power loss before the final name appears.
+    durable : bool or "filesystem"
+        Make every file survive a power loss before the final name appears. ``"filesystem"`` asks
+        for all that is pending on the file system at once: much faster where many episodes are
+        written, but not while something else is being recorded there.
 
     Raises
     ------
     EpisodeExistsError
         The final name is taken.
     UsageError
-        The name does not end in ``.zarr``.
+        The name does not end in ``.zarr``, or another process is writing this episode there.
 
     Examples
     --------
@@ -70,7 +86,7 @@ class EpisodeWriter:
         metadata: EpisodeMetadata,
         *,
         overwrite: bool = False,
-        durable: bool = True,
+        durable: bool | Literal["filesystem"] = True,
     ) -> None:
         self.path = Path(path)
         if not self.path.name.endswith(".zarr"):
@@ -80,14 +96,14 @@ class EpisodeWriter:
                 "already exists", where=self.path, fix="Choose another name, or overwrite it."
             )
         self.metadata = metadata.model_copy(deep=True)
+        self._overwrite = overwrite
         self._durable = durable
-        self._streams: dict[str, StreamWriter] = {}
+        self._streams: dict[str, StreamWriter | CopiedStream] = {}
         self._derived: dict[str, tuple[np.ndarray, DerivedItem]] = {}
         self._partial = self.path.with_name(f".partial-{metadata.id}")
         self._done = False
-        if self._partial.exists():
-            shutil.rmtree(self._partial)
-        (self._partial / "streams").mkdir(parents=True)
+        self._release = weakref.finalize(self, os.close, claim_folder(self._partial))
+        (self._partial / "streams").mkdir()
 
     def __enter__(self) -> "EpisodeWriter":
         return self
@@ -126,8 +142,10 @@ class EpisodeWriter:
         MetadataError
             A field is wrong or missing.
         UsageError
-            The name is taken.
+            The name is taken or is none, or the frames are too large.
         """
+        self._check_open()
+        self._check_name(name)
         if name in self._streams:
             raise UsageError(f"stream {name!r} is there already", where=self.path)
         try:
@@ -143,9 +161,56 @@ class EpisodeWriter:
         self._streams[name] = writer
         return writer
 
+    def copy_stream(self, episode: "Episode", name: str) -> None:
+        """Take over a stream of another episode as it is, byte for byte, under its own name.
+
+        Parameters
+        ----------
+        episode : Episode
+            The other episode; it should have been checked (`Episode.check_complete`).
+        name : str
+
+        Raises
+        ------
+        UsageError
+            The name is taken, or the other episode has no such stream.
+        DamagedDataError
+            A file is cut short.
+        """
+        self._check_open()
+        if name in self._streams:
+            raise UsageError(f"stream {name!r} is there already", where=self.path)
+        model = episode[name].metadata
+        folder = self._partial / "streams" / name
+        self._streams[name] = CopiedStream(folder, episode.store, f"streams/{name}", model)
+
+    def copy_group(self, episode: "Episode", name: Literal["calibration", "annotations"]) -> None:
+        """Take over the arrays that another episode keeps beside its streams, byte for byte."""
+        self._check_open()
+        copy_files(episode.store, name, self._partial / name)
+
+    def _check_open(self) -> None:
+        if self._done:
+            raise UsageError("the episode is finished or was given up", where=self.path)
+
+    def _check_name(self, name: str) -> None:
+        # It becomes the name of a folder.
+        if not _NAME.fullmatch(name):
+            raise UsageError(
+                f"{name!r} is no name",
+                where=self.path,
+                fix="Names are lower-case letters, digits and _, and begin with a letter.",
+            )
+
     def _make(self, name: str, model: Any) -> StreamWriter:
         folder = self._partial / "streams" / name
         images = getattr(model, "images", None)
+        if images is not None and images.height * images.width * images.channels > MAX_FRAME_BYTES:
+            raise UsageError(
+                f"frames of {images.height}x{images.width} are larger than "
+                f"{MAX_FRAME_BYTES:,} bytes",
+                where=f"{self.path}: {name}",
+            )
         if isinstance(images, EncodedImages):
             return EncodedStreamWriter(folder, name, model)
         if isinstance(images, VideoImages):
@@ -175,9 +240,22 @@ class EpisodeWriter:
             Id and version, such as ``exumi-activity/1``.
         parameters, inputs
             What it takes to compute it again.
+
+        Raises
+        ------
+        UsageError
+            A name is none, or the array cannot be stored.
         """
+        self._check_open()
+        self._check_name(stream)
+        self._check_name(name)
+        array = np.asarray(values)
+        if not array.ndim or array.dtype.name not in DTYPES:
+            raise UsageError(
+                f"{name} of shape {array.shape} {array.dtype} cannot be stored", where=self.path
+            )
         item = DerivedItem(algorithm=algorithm, parameters=parameters or {}, inputs=inputs or [])
-        self._derived[f"{stream}/{name}"] = (np.asarray(values), item)
+        self._derived[f"{stream}/{name}"] = (array, item)
 
     def finish(self) -> Path:
         """Complete the episode and give it its final name.
@@ -191,9 +269,16 @@ class EpisodeWriter:
         ------
         MetadataError
             The metadata as a whole breaks the standard.
+        UsageError
+            A stream was not written whole, or a derived array has no stream.
+        EpisodeExistsError
+            Another process finished this episode meanwhile.
         """
         if self._done:
             return self.path
+        for key in self._derived:
+            if key.partition("/")[0] not in self._streams:
+                raise UsageError(f"derived/{key} belongs to no stream", where=self.path)
         streams: dict[str, Any] = {name: w.finish() for name, w in self._streams.items()}
         self.metadata.streams = streams
         self._write_derived()
@@ -201,10 +286,15 @@ class EpisodeWriter:
         root = episode_root_document(self.metadata)
         parse_episode(root, self.path)  # what we could not read again is never written
         (self._partial / "zarr.json").write_bytes(root)
-        if self._durable:
+        if self._durable and not (
+            self._durable == "filesystem" and sync_file_system(self._partial)
+        ):
             sync_tree(self._partial)
+        if self.path.exists() and not self._overwrite:
+            raise EpisodeExistsError("was written by another process meanwhile", where=self.path)
         replace_folder(self._partial, self.path)
         self._done = True
+        self._release()
         return self.path
 
     def _write_derived(self) -> None:
@@ -223,8 +313,11 @@ class EpisodeWriter:
                     *(f"axis_{i}" for i in range(values.ndim - 1)),
                 ),
             )
-            writer.append(values)
-            writer.finish()
+            try:
+                writer.append(values)
+                writer.finish()
+            finally:
+                writer.abort()
         for stream in {key.partition("/")[0] for key in self._derived}:
             (root / stream / "zarr.json").write_bytes(group_document())
         items = {key: item for key, (_, item) in self._derived.items()}
@@ -238,3 +331,4 @@ class EpisodeWriter:
             writer.abort()
         shutil.rmtree(self._partial, ignore_errors=True)
         self._done = True
+        self._release()

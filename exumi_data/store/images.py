@@ -4,24 +4,34 @@
 into the caller's buffer, with luma instead of RGB where the buffer has one channel.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol, SupportsIndex, overload
 
 import numpy as np
 
-from exumi_data.errors import DamagedDataError, LimitError
+from exumi_data.errors import DamagedDataError, LimitError, UsageError
 from exumi_data.model.images import ArrayImages, EncodedImages, VideoImages
 from exumi_data.store import jpeg
 from exumi_data.store.access import Store
 from exumi_data.store.shards import ArrayReader, ZarrReader, crc32c, open_array
+from exumi_data.store.zarr_reader import MAX_WHOLE_READ
 
 if TYPE_CHECKING:
     from exumi_data.store.video import VideoFrames
 
-__all__ = ["ArrayFrames", "EncodedFrames", "Frames", "VideoStreamFrames", "open_frames"]
+__all__ = [
+    "MAX_FRAME_BYTES",
+    "ArrayFrames",
+    "EncodedFrames",
+    "Frames",
+    "VideoStreamFrames",
+    "open_frames",
+]
 
-_MAX_FRAME_BYTES = 1 << 28
+MAX_FRAME_BYTES = 1 << 28
+"""Size of the largest frame, decoded."""
 _OPEN_VIDEO_FILES = 2
 _MAX_VIDEO_BYTES = 8 << 30
 
@@ -46,7 +56,7 @@ class Frames:
         self, source: _Source, images: ArrayImages | EncodedImages | VideoImages, where: str
     ) -> None:
         size = images.height * images.width * images.channels
-        if size > _MAX_FRAME_BYTES:
+        if size > MAX_FRAME_BYTES:
             raise LimitError(f"a frame of {size:,} bytes", where=where)
         self._source = source
         self._where = where
@@ -105,8 +115,22 @@ class Frames:
         Returns
         -------
         (K, H, W, C) uint8
+
+        Raises
+        ------
+        LimitError
+            They are more than 2 GiB: read fewer at a time, or `iterate`.
         """
-        chosen = list(indices)
+        # A length is asked for first: metadata could claim more frames than a list can hold.
+        chosen = indices if isinstance(indices, Sequence) else list(indices)
+        size = len(chosen) * math.prod(self.shape[1:])
+        if size > MAX_WHOLE_READ:
+            raise LimitError(
+                f"{len(chosen):,} frames are {size:,} bytes; at most {MAX_WHOLE_READ:,} are read "
+                "at once",
+                where=self._where,
+                fix="Read fewer frames at a time.",
+            )
         channels = 1 if grey else self.shape[3]
         out = np.empty((len(chosen), *self.shape[1:3], channels), dtype=np.uint8)
         self.read_into(chosen, out)
@@ -126,10 +150,24 @@ class Frames:
         ------
         DamagedDataError
             Names the stream and the frame.
+        IndexError
+            There is no such frame.
+        UsageError
+            The buffer is not of that kind.
         """
+        count, *size = self.shape
+        fits = (*size[:2], 1), tuple(size)
+        if out.dtype != np.uint8 or len(out) != len(indices) or out.shape[1:] not in fits:
+            raise UsageError(
+                f"a buffer of {out.shape} {out.dtype} for {len(indices)} frames of {tuple(size)}",
+                where=self._where,
+            )
         previous = -1
         for position, index in enumerate(indices):
             index = int(index)  # noqa: PLW2901  # numpy integers are slow as indices
+            if not 0 <= index < count:
+                msg = f"frame {index} of {count}"
+                raise IndexError(msg)
             if index == previous:
                 out[position] = out[position - 1]
             else:
@@ -222,7 +260,7 @@ class EncodedFrames:
     def file(self, index: int) -> bytes:
         """Return the bytes of one frame's file, checked against its checksum."""
         start, stop = int(self.offset[index]), int(self.offset[index + 1])
-        if stop - start > _MAX_FRAME_BYTES:
+        if stop - start > MAX_FRAME_BYTES:
             raise LimitError(f"frame {index} has {stop - start:,} bytes", where=self._where)
         data = self._data.bytes_at(start, stop - start)
         if crc32c(data) != self.crc32c[index]:
@@ -295,10 +333,16 @@ class VideoStreamFrames:
         reader = open_array(self._store, f"{self._path}/offset")
         if reader.shape != (len(self._images.files) + 1,) or reader.dtype.kind != "u":
             raise DamagedDataError("`offset` does not match the files", where=self._where)
-        return reader.read()
+        offset = reader.read()
+        if offset[0] != 0 or (offset[1:] < offset[:-1]).any():
+            raise DamagedDataError("`offset` does not ascend", where=self._where)
+        return offset
 
     def container(self, file: int) -> bytes:
         """Return one container file's bytes, verbatim."""
+        if not 0 <= file < len(self._images.files):
+            msg = f"video file {file} of {len(self._images.files)}"
+            raise IndexError(msg)
         start, stop = int(self.offset[file]), int(self.offset[file + 1])
         if stop - start > _MAX_VIDEO_BYTES:
             raise LimitError(f"video file {file} has {stop - start:,} bytes", where=self._where)

@@ -9,6 +9,7 @@ __all__ = ["comment", "decode_into", "encode", "is_jpeg", "size_of"]
 
 _SOI, _EOI = b"\xff\xd8", b"\xff\xd9"
 _COM, _SOS = 0xFE, 0xDA
+_CHANNELS = {"Gray": 1, "YCbCr": 3, "RGB": 3}
 
 
 def is_jpeg(data: bytes) -> bool:
@@ -26,9 +27,10 @@ def size_of(data: bytes) -> tuple[int, int, int]:
     """
     try:
         height, width, colorspace, _ = simplejpeg.decode_jpeg_header(data, strict=False)
-    except ValueError as error:
-        raise DamagedDataError(f"not a JPEG ({error})") from None
-    return int(height), int(width), 1 if colorspace == "Gray" else 3
+        channels = _CHANNELS[colorspace]
+    except (ValueError, KeyError) as error:
+        raise DamagedDataError(f"not a JPEG of grey or colour ({error})") from None
+    return int(height), int(width), channels
 
 
 def comment(data: bytes) -> str | None:

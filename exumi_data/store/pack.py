@@ -47,11 +47,13 @@ def pack(folder: Path, target: Path | None = None, *, overwrite: bool = False) -
     EpisodeExistsError
         The target exists.
     UsageError
-        `folder` is no finished episode.
+        `folder` is no finished episode, or holds the target.
     """
     target = target or folder.with_name(folder.name + ".zip")
     if not (folder / "zarr.json").is_file():
         raise UsageError("not a finished episode folder", where=folder)
+    if target.resolve().is_relative_to(folder.resolve()):
+        raise UsageError("a packed episode cannot lie in its own folder", where=target)
     if target.exists() and not overwrite:
         raise EpisodeExistsError("already exists", where=target)
     store = FolderStore(folder)

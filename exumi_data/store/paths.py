@@ -31,6 +31,7 @@ def check_member_path(path: str, where: object) -> str:
         or "\0" in path
         or any(part in ("", ".", "..") for part in parts)
         or (len(path) > 1 and path[1] == ":")
+        or any("\ud800" <= letter <= "\udfff" for letter in path)  # a name that is not UTF-8
     )
     if unsafe:
         raise DamagedDataError(

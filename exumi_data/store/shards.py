@@ -7,7 +7,7 @@ frames with one ``pread``.
 """
 
 import math
-import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -15,14 +15,17 @@ import google_crc32c
 import numpy as np
 from numcodecs.zstd import Zstd
 
-from exumi_data.errors import DamagedDataError, LimitError
+from exumi_data.errors import DamagedDataError, LimitError, UsageError
 from exumi_data.store.access import Store
 from exumi_data.store.zarr_document import (
+    DTYPES,
+    MAX_SHARD_BYTES,
     ArrayDocument,
     ForeignLayoutError,
     array_document,
     parse_array,
 )
+from exumi_data.store.zarr_reader import MAX_WHOLE_READ, ZarrReader
 
 __all__ = ["ArrayReader", "ArrayWriter", "Bytes", "ZarrReader", "crc32c", "open_array"]
 
@@ -30,7 +33,9 @@ Bytes = bytes | bytearray | memoryview
 
 _ABSENT = np.uint64(0xFFFFFFFFFFFFFFFF)
 _TARGET_SHARD_BYTES = 32 << 20
-_MAX_WHOLE_READ = 2 << 30
+_INDEX_ROOM = 1 << 20
+_CHUNK_COST = 48  # of an index entry, and of zstd where nothing can be saved
+_READ_PIECE = 4 << 20
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
@@ -50,10 +55,18 @@ class ArrayWriter:
     row_shape : tuple of int
         Shape of one row: ``()`` for a one-dimensional array.
     chunk_rows : int
-        Rows of an inner chunk. An array that is shorter gets one chunk of its own length.
+        Rows of an inner chunk. An array that is shorter gets one chunk of its own length; where
+        this many rows do not fit into a shard, a chunk has fewer.
     zstd : bool
         Compress inner chunks.
     dimension_names : tuple of str, optional
+    shard_bytes : int
+        Size that shards are filled to.
+
+    Raises
+    ------
+    UsageError
+        A type that the format does not have, an empty row, or one that does not fit into a shard.
     """
 
     def __init__(
@@ -65,31 +78,64 @@ class ArrayWriter:
         chunk_rows: int,
         zstd: bool,
         dimension_names: tuple[str | None, ...] | None = None,
+        shard_bytes: int = _TARGET_SHARD_BYTES,
     ) -> None:
         self.folder = folder
         self.dtype = np.dtype(dtype).newbyteorder("<")
+        if self.dtype.name not in DTYPES:
+            raise UsageError(
+                f"arrays of {self.dtype.name} cannot be stored",
+                where=folder.name,
+                fix=f"Supported types are {', '.join(sorted(DTYPES))}.",
+            )
         self.row_shape = row_shape
         self.rows = 0
-        self._chunk_rows = chunk_rows
         self._zstd = zstd
         self._names = dimension_names
-        self._row_bytes = math.prod(row_shape) * self.dtype.itemsize
-        self._chunk_bytes = chunk_rows * self._row_bytes
-        self._chunks_per_shard = max(1, _TARGET_SHARD_BYTES // max(1, self._chunk_bytes))
+        row_bytes = math.prod(row_shape) * self.dtype.itemsize
+        if not 0 < row_bytes <= MAX_SHARD_BYTES - _INDEX_ROOM:
+            raise UsageError(f"rows of shape {row_shape} cannot be stored", where=folder.name)
+        shard_bytes = min(shard_bytes, MAX_SHARD_BYTES - _INDEX_ROOM)
+        self._chunk_rows = max(1, min(chunk_rows, shard_bytes // row_bytes))
+        self._chunk_bytes = self._chunk_rows * row_bytes
+        fitting = (MAX_SHARD_BYTES - _INDEX_ROOM) // (self._chunk_bytes + _CHUNK_COST)
+        self._chunks_per_shard = max(1, min(shard_bytes // self._chunk_bytes, fitting))
         self._pending = bytearray()
         self._index: list[tuple[int, int]] = []
         self._position = 0
         self._shards = 0
         self._file: BinaryIO | None = None
         self._codec = Zstd(level=3, checksum=True) if zstd else None
+        self._usable = True
         folder.mkdir(parents=True)
 
     def append(self, rows: np.ndarray) -> None:
-        """Append rows, shape (n, *row_shape)."""
-        if rows.shape[1:] != self.row_shape:
-            msg = f"rows of shape {rows.shape[1:]}, expected {self.row_shape}"
-            raise ValueError(msg)
-        self._append(np.ascontiguousarray(rows, dtype=self.dtype).data.cast("B"), len(rows))
+        """Append rows, shape (n, *row_shape).
+
+        Raises
+        ------
+        UsageError
+            As `check`. Nothing was appended.
+        """
+        self.check(rows)
+        if len(rows):
+            whole = np.ascontiguousarray(rows, dtype=self.dtype)
+            self._append(whole.data.cast("B"), len(rows))
+
+    def check(self, rows: np.ndarray) -> None:
+        """Check that rows can be appended.
+
+        Raises
+        ------
+        UsageError
+            Another shape, or a type whose values this one cannot hold.
+        """
+        if rows.shape[1:] != self.row_shape or not rows.ndim:
+            raise UsageError(
+                f"rows of shape {rows.shape[1:]}, expected {self.row_shape}", where=self.folder.name
+            )
+        if not np.can_cast(rows.dtype, self.dtype, "safe"):
+            raise UsageError(f"{rows.dtype} does not fit into {self.dtype}", where=self.folder.name)
 
     def append_bytes(self, data: Bytes) -> None:
         """Append bytes to a one-dimensional uint8 array."""
@@ -97,18 +143,23 @@ class ArrayWriter:
         self._append(view, len(view))
 
     def _append(self, data: memoryview, rows: int) -> None:
+        if not self._usable:
+            raise UsageError("nothing can be appended any more", where=self.folder.name)
+        # Whoever goes on after a full disk would write an array with a hole.
+        self._usable = False
+        start = 0
+        if self._pending:
+            start = min(len(data), self._chunk_bytes - len(self._pending))
+            self._pending += data[:start]
+            if len(self._pending) == self._chunk_bytes:
+                self._write_chunk(self._pending)
+                self._pending = bytearray()
+        while len(data) - start >= self._chunk_bytes:
+            self._write_chunk(data[start : start + self._chunk_bytes])
+            start += self._chunk_bytes
+        self._pending += data[start:]
         self.rows += rows
-        if not self._pending and len(data) == self._chunk_bytes:
-            self._write_chunk(data)
-            return
-        self._pending += data
-        if len(self._pending) > self._chunk_bytes:
-            # The last whole chunk stays pending: a short array's chunk is cut to its length.
-            whole = (len(self._pending) - 1) // self._chunk_bytes * self._chunk_bytes
-            with memoryview(self._pending) as view:
-                for start in range(0, whole, self._chunk_bytes):
-                    self._write_chunk(view[start : start + self._chunk_bytes])
-            del self._pending[:whole]
+        self._usable = True
 
     def _write_chunk(self, chunk: Bytes) -> None:
         if self._file is None:
@@ -141,7 +192,16 @@ class ArrayWriter:
         self._shards += 1
 
     def finish(self) -> ArrayDocument:
-        """Write what is pending and the array's ``zarr.json``."""
+        """Write what is pending and the array's ``zarr.json``.
+
+        Raises
+        ------
+        UsageError
+            An earlier call failed half-way.
+        """
+        if not self._usable:
+            raise UsageError("the array was not written whole", where=self.folder.name)
+        self._usable = False
         chunk_rows = self._chunk_rows
         if self._pending:
             if not self._index and not self._shards:
@@ -169,8 +229,11 @@ class ArrayWriter:
 
     def abort(self) -> None:
         """Close the open shard, whatever its state."""
+        self._usable = False
         if self._file is not None:
-            self._file.close()
+            # Closing writes what is buffered, and the disk may be full.
+            with suppress(OSError):
+                self._file.close()
             self._file = None
 
 
@@ -191,6 +254,11 @@ class ArrayReader:
         self.document = document
         self.shape = document.shape
         self.dtype = document.dtype
+        # Looked up for every frame: worked out once.
+        self._row_bytes = document.row_bytes
+        self._nbytes = document.nbytes
+        self._shard_bytes = document.shard_rows * document.row_bytes
+        self._paths: dict[int, str] = {}
         self._contiguous: dict[int, bool] = {}
         self._indices: dict[int, np.ndarray] = {}
 
@@ -198,7 +266,10 @@ class ArrayReader:
         return f"{self.store.location}/{self.path}/{self.document.shard_path(shard)}"
 
     def _shard(self, shard: int) -> str:
-        return f"{self.path}/{self.document.shard_path(shard)}"
+        path = self._paths.get(shard)
+        if path is None:
+            path = self._paths[shard] = f"{self.path}/{self.document.shard_path(shard)}"
+        return path
 
     def _index(self, shard: int) -> np.ndarray:
         """Return a shard's index, (chunks, 2) uint64; checked against the file's size."""
@@ -225,8 +296,12 @@ class ArrayReader:
         if (entries == _ABSENT).any():
             raise DamagedDataError("shard lacks an inner chunk", where=self._where(shard))
         # Compared one by one: the sum of two hostile uint64 values could wrap.
-        if (entries > size).any() or (entries.sum(axis=1) > size - length).any():
+        room = size - length
+        if (entries > room).any() or (entries.sum(axis=1) > room).any():
             raise DamagedDataError("shard index points outside its file", where=self._where(shard))
+        # Chunks that share bytes would make much data from a small file.
+        if entries[:, 1].sum(dtype=np.float64) > room:
+            raise DamagedDataError("shard index has overlapping chunks", where=self._where(shard))
         self._indices[shard] = index
         return index
 
@@ -261,15 +336,18 @@ class ArrayReader:
         DamagedDataError
             A shard is missing or cut short, or the range lies outside the array.
         """
-        document = self.document
-        if start < 0 or length < 0 or start + length > document.nbytes:
+        shard_bytes = self._shard_bytes
+        if start < 0 or length < 0 or start + length > self._nbytes:
             raise DamagedDataError(
-                f"bytes {start} to {start + length} lie outside the array ({document.nbytes})",
+                f"bytes {start} to {start + length} lie outside the array ({self._nbytes})",
                 where=f"{self.store.location}/{self.path}",
             )
-        shard_bytes = document.shard_rows * document.row_bytes
+        if length > MAX_WHOLE_READ and self.document.zstd:
+            raise self._too_much(length)
         shard, offset = divmod(start, shard_bytes)
         if offset + length <= shard_bytes:
+            if length and self._contiguous.get(shard):
+                return self.store.read_range(self._paths[shard], offset, length)
             return self._bytes_in(shard, offset, length)
         parts = []
         while length:
@@ -302,6 +380,9 @@ class ArrayReader:
         out = np.empty(expected, dtype=np.uint8)
         if not raw.startswith(_ZSTD_MAGIC):
             raise DamagedDataError(f"inner chunk {chunk} is not zstd", where=where)
+        if _zstd_content_size(raw) not in (expected, None):
+            # The decoder would leave the rest of the buffer as it was.
+            raise DamagedDataError(f"inner chunk {chunk} has a wrong length", where=where)
         try:
             # A buffer of the declared size bounds memory, whatever the frame claims.
             Zstd().decode(raw, out)
@@ -313,7 +394,7 @@ class ArrayReader:
 
     def rows(self, start: int, stop: int) -> np.ndarray:
         """Return rows [start, stop), shape (stop - start, *row_shape)."""
-        row_bytes = self.document.row_bytes
+        row_bytes = self._row_bytes
         data = self.bytes_at(start * row_bytes, (stop - start) * row_bytes)
         return np.frombuffer(data, dtype=self.dtype).reshape(stop - start, *self.shape[1:])
 
@@ -328,66 +409,35 @@ class ArrayReader:
             Shards are missing or damaged. Found before memory is taken.
         """
         document = self.document
-        if document.nbytes > _MAX_WHOLE_READ:
-            self.check_shards()
-            raise LimitError(
-                f"the array has {document.nbytes:,} bytes; at most {_MAX_WHOLE_READ:,} are read "
-                "at once",
-                where=f"{self.store.location}/{self.path}",
-            )
         self.check_shards()
-        if not self.shape[0]:
-            return np.empty(self.shape, dtype=self.dtype)
-        return self.rows(0, self.shape[0])
+        if document.nbytes > MAX_WHOLE_READ:
+            raise self._too_much(document.nbytes)
+        out = np.empty(self.shape, dtype=self.dtype)
+        flat = out.reshape(-1).view(np.uint8)
+        step = max(1, _READ_PIECE // document.chunk_bytes) * document.chunk_bytes
+        for start in range(0, document.nbytes, step):
+            piece = self.bytes_at(start, min(step, document.nbytes - start))
+            flat[start : start + len(piece)] = np.frombuffer(piece, dtype=np.uint8)
+        out.flags.writeable = False
+        return out
+
+    def _too_much(self, length: int) -> LimitError:
+        return LimitError(
+            f"{length:,} bytes of the array are asked for; at most {MAX_WHOLE_READ:,} are read at "
+            "once",
+            where=f"{self.store.location}/{self.path}",
+        )
 
 
-class ZarrReader:
-    """Read an array in any other layout, through zarr-python."""
-
-    def __init__(self, store: Store, path: str) -> None:
-        import zarr  # slow to import, and rarely needed
-        from zarr.storage import LocalStore, ZipStore
-
-        backing: LocalStore | ZipStore
-        if os.path.isdir(store.location):  # noqa: PTH112  # a string path, asked once
-            backing = LocalStore(store.location, read_only=True)
-        else:
-            backing = ZipStore(store.location, read_only=True)
-        try:
-            array = zarr.open_array(backing, path=path, mode="r", zarr_format=3)
-        except Exception as error:
-            raise DamagedDataError(
-                f"zarr-python cannot open the array ({error})", where=f"{store.location}/{path}"
-            ) from error
-        self._array = array
-        self._where = f"{store.location}/{path}"
-        self.shape: tuple[int, ...] = array.shape
-        self.dtype: np.dtype[Any] = array.dtype
-        if math.prod(array.chunks) * array.dtype.itemsize > _MAX_WHOLE_READ:
-            raise LimitError("a chunk of more than 2 GiB", where=self._where)
-
-    def check_shards(self) -> None:
-        """Check nothing: zarr-python cannot tell a missing chunk from zeros."""
-
-    def rows(self, start: int, stop: int) -> np.ndarray:
-        """Return rows [start, stop)."""
-        try:
-            return np.asarray(self._array[start:stop])
-        except Exception as error:
-            raise DamagedDataError(f"cannot be read ({error})", where=self._where) from error
-
-    def bytes_at(self, start: int, length: int) -> bytes:
-        """Return bytes of the array's memory."""
-        row_bytes = math.prod(self.shape[1:]) * self.dtype.itemsize
-        first, last = start // row_bytes, -(-(start + length) // row_bytes)
-        data = self.rows(first, last).tobytes()
-        return data[start - first * row_bytes :][:length]
-
-    def read(self) -> np.ndarray:
-        """Return the whole array."""
-        if math.prod(self.shape) * self.dtype.itemsize > _MAX_WHOLE_READ:
-            raise LimitError("the array has more than 2 GiB", where=self._where)
-        return self.rows(0, self.shape[0])
+def _zstd_content_size(raw: bytes) -> int | None:
+    """Return the length that a zstd frame states for its content, or None (RFC 8878, 3.1.1.1)."""
+    descriptor = raw[4] if len(raw) > 4 else 0
+    single_segment = descriptor >> 5 & 1
+    width = (single_segment, 2, 4, 8)[descriptor >> 6]
+    start = 5 + (not single_segment) + (0, 1, 2, 4)[descriptor & 3]
+    if not width:
+        return None
+    return int.from_bytes(raw[start : start + width], "little") + (256 if width == 2 else 0)
 
 
 def open_array(store: Store, path: str) -> ArrayReader | ZarrReader:

@@ -1,13 +1,15 @@
 """Writing one stream: samples are appended, memory stays bounded, nothing is measured twice."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from exumi_data.errors import UsageError
+from exumi_data.errors import DamagedDataError, UsageError
 from exumi_data.model.documents import group_document
 from exumi_data.model.images import ArrayImages, EncodedImages, VideoFile, VideoImages
 from exumi_data.model.streams import (
@@ -21,21 +23,49 @@ from exumi_data.model.streams import (
     WrenchStream,
 )
 from exumi_data.store import jpeg
-from exumi_data.store.shards import ArrayWriter, crc32c
+from exumi_data.store.shards import ArrayWriter, Bytes, crc32c
 
 __all__ = ["DataStreamWriter", "EncodedStreamWriter", "StreamWriter", "VideoStreamWriter"]
 
 _LOW_DIM_ROWS = 8192
 _BYTE_CHUNK = 64 << 10
+_LOW_DIM_CHUNK_BYTES = 1 << 20
 _COPY_PIECE = 4 << 20
-_RAW_TIMES = ("time_host", "time_device")
-# dtype, and the names of the axes after `time`
-_EXTRA: dict[str, tuple[Any, tuple[str, ...]]] = {
-    "time_host": (np.int64, ()),
-    "time_device": (np.int64, ()),
-    "sequence": (np.uint64, ()),
-    "flags": (np.uint32, ()),
+_EXTRA: dict[str, Any] = {
+    "time_host": np.int64,
+    "time_device": np.int64,
+    "sequence": np.uint64,
+    "flags": np.uint32,
 }
+
+
+def _whole_numbers(value: Any, dtype: Any, what: str, where: str) -> np.ndarray:
+    """Cast times, counters or flags; a plain int may become unsigned, a negative one may not."""
+    column = np.atleast_1d(_as_array(value, what, where))
+    limits = np.iinfo(dtype)
+    whole = column.ndim == 1 and (column.dtype.kind in "iu" or not column.size)
+    if not whole or (
+        column.size and not limits.min <= int(column.min()) <= int(column.max()) <= limits.max
+    ):
+        raise UsageError(
+            f"{what} must be whole numbers that fit into {limits.dtype}, one or one axis",
+            where=where,
+        )
+    return column.astype(dtype)
+
+
+def _as_array(value: Any, what: str, where: str) -> np.ndarray:
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError) as error:
+        raise UsageError(f"{what} is no array ({error})", where=where) from None
+    if array.dtype.kind not in "biuf":
+        raise UsageError(f"{what} holds {array.dtype}, not numbers", where=where)
+    return array
+
+
+def _row_bytes(dtype: Any, row_shape: tuple[int, ...]) -> int:
+    return max(1, math.prod(row_shape) * int(np.dtype(dtype).itemsize))
 
 
 class StreamWriter:
@@ -58,6 +88,7 @@ class StreamWriter:
         self._last_time: int | None = None
         self._arrays: dict[str, ArrayWriter] = {}
         self._extra: frozenset[str] | None = None
+        self._usable = True
         folder.mkdir(parents=True)
 
     def _array(
@@ -77,56 +108,75 @@ class StreamWriter:
                 self.folder / name,
                 dtype,
                 row_shape,
-                chunk_rows=rows,
+                chunk_rows=min(rows, max(1, _LOW_DIM_CHUNK_BYTES // _row_bytes(dtype, row_shape))),
                 zstd=zstd,
                 dimension_names=(axis, *names),
             )
             self._arrays[name] = writer
         return writer
 
-    def _append_time(self, time: Any, extra: dict[str, Any]) -> int:
-        """Append times and the arrays beside them; return how many samples."""
-        times = np.atleast_1d(np.asarray(time))
-        if times.ndim != 1 or (times.size and times.dtype.kind not in "iu"):
+    def _checked(self, time: Any, given: dict[str, Any]) -> dict[str, np.ndarray]:
+        """Check times and the arrays that may come with them; return them by name."""
+        times = _whole_numbers(time, np.int64, "time", self.name)
+        columns = {"time": times}
+        for name, value in given.items():
+            if value is not None:
+                columns[name] = (
+                    value if name == "raw" else _whole_numbers(value, _EXTRA[name], name, self.name)
+                )
+        unequal = frozenset(columns) ^ (self._extra or frozenset(columns))
+        if unequal:
             raise UsageError(
-                "time must be int64 nanoseconds, a number or one axis", where=self.name
-            )
-        times = times.astype(np.int64)
-        given = {key: value for key, value in extra.items() if value is not None}
-        if self._extra is None:
-            self._extra = frozenset(given)
-        elif self._extra != frozenset(given):
-            raise UsageError(
-                "optional arrays come with every sample or with none: "
-                f"{sorted(self._extra ^ frozenset(given))}",
+                f"optional arrays come with every sample or with none: {sorted(unequal)}",
                 where=self.name,
             )
-        if times.size:
-            before = int(times[0]) - 1 if self._last_time is None else self._last_time
-            steps = np.diff(times, prepend=before)
-            if (steps <= 0).any():
-                at = self.count + int(np.argmax(steps <= 0))
-                raise UsageError(
-                    f"time does not increase at sample {at}",
-                    where=self.name,
-                    fix="Keep the arrival order and nudge ties with "
-                    "exumi_data.time.strictly_increasing.",
-                )
-            self._last_time = int(times[-1])
-        columns = {}
-        for key, value in given.items():
-            dtype, names = _EXTRA[key]
-            column = np.atleast_1d(np.asarray(value)).astype(dtype, casting="same_kind")
+        for name, column in columns.items():
             if len(column) != len(times):
                 raise UsageError(
-                    f"{key} has {len(column)} samples, time {len(times)}", where=self.name
+                    f"{name} has {len(column)} samples, time {len(times)}", where=self.name
                 )
-            columns[key] = (column, dtype, names)
-        self._array("time", np.int64).append(times)
-        for key, (column, dtype, names) in columns.items():
-            self._array(key, dtype, (), names).append(column)
+        self._check_ascending(times)
+        return columns
+
+    def _check_ascending(self, times: np.ndarray) -> None:
+        # Compared, not subtracted: a difference of two int64 can wrap.
+        ascending = times[1:] > times[:-1]
+        first = not times.size or self._last_time is None or int(times[0]) > self._last_time
+        if not first or not ascending.all():
+            at = 1 + int(np.argmin(ascending)) if first else 0
+            raise UsageError(
+                f"time does not increase at sample {self.count + at}",
+                where=self.name,
+                fix="Keep the arrival order and nudge ties with "
+                "exumi_data.time.strictly_increasing.",
+            )
+
+    @contextmanager
+    def _appending(self, columns: dict[str, np.ndarray]) -> Iterator[None]:
+        """Append checked columns, then what the caller appends: all of it, or the stream is spoilt.
+
+        Everything that can be wrong with the values was found before; what is left is a full disk
+        or an interrupt, after which arrays of different lengths must not be finished.
+        """
+        if not self._usable:
+            raise UsageError("an earlier append failed half-way", where=self.name)
+        writers = {name: self._column(name, values) for name, values in columns.items()}
+        for name, values in columns.items():
+            writers[name].check(values)
+        self._usable = False
+        for name, values in columns.items():
+            writers[name].append(values)
+        yield
+        times = columns["time"]
+        self._extra = self._extra or frozenset(columns) & {"time", "raw", *_EXTRA}
+        if times.size:
+            self._last_time = int(times[-1])
         self.count += len(times)
-        return len(times)
+        self._usable = True
+
+    def _column(self, name: str, values: np.ndarray) -> ArrayWriter:
+        names = tuple(f"{name}_{i}" for i in range(values.ndim - 1))
+        return self._array(name, values.dtype, values.shape[1:], names)
 
     def set_reference(
         self,
@@ -148,19 +198,23 @@ class StreamWriter:
         contact_free : bool, optional
             False when every frame seems to be in contact.
         algorithm : str, optional
+
+        Raises
+        ------
+        UsageError
+            The image is not of that kind or not of the frames' size, or there is one already.
         """
         if not isinstance(self.model, TactileStream):
             raise UsageError("only tactile streams have a reference", where=self.name)
-        writer = ArrayWriter(
-            self.folder / "reference",
-            np.uint8,
-            image.shape[1:],
-            chunk_rows=image.shape[0],
-            zstd=True,
-            dimension_names=("y", "x", "c"),
-        )
-        writer.append(image)
-        self._arrays["reference"] = writer
+        images = self.model.images
+        size = (images.height, images.width)
+        if image.dtype != np.uint8 or image.shape not in ((*size, 1), (*size, 3)):
+            raise UsageError(
+                f"the reference is {image.shape} {image.dtype}, the frames are "
+                f"{(*size, images.channels)} uint8",
+                where=self.name,
+            )
+        self._put_whole("reference", image, ("y", "x", "c"))
         values: dict[str, Any] = {"method": method}
         if frames is not None:
             values["frames"] = [int(frame) for frame in frames]
@@ -170,12 +224,28 @@ class StreamWriter:
             values["algorithm"] = algorithm
         self.model.reference = Reference(**values)
 
+    def _put_whole(self, name: str, values: np.ndarray, names: tuple[str, ...]) -> None:
+        """Write an array that the stream has once."""
+        if name in self._arrays:
+            raise UsageError(f"there is a {name} array already", where=self.name)
+        axis, *others = names
+        writer = self._array(name, values.dtype, values.shape[1:], tuple(others), axis=axis)
+        writer.append(values)
+
     def _complete(self) -> None:
         """Make the arrays that a stream without samples would lack."""
         self._array("time", np.int64)
 
     def finish(self) -> StreamModel:
-        """Write what is pending; return the stream's final metadata."""
+        """Write what is pending; return the stream's final metadata.
+
+        Raises
+        ------
+        UsageError
+            An append failed half-way.
+        """
+        if not self._usable:
+            raise UsageError("an append failed half-way", where=self.name)
         self._complete()
         for writer in self._arrays.values():
             writer.finish()
@@ -185,6 +255,7 @@ class StreamWriter:
 
     def abort(self) -> None:
         """Close open files."""
+        self._usable = False
         for writer in self._arrays.values():
             writer.abort()
 
@@ -231,29 +302,34 @@ class DataStreamWriter(StreamWriter):
             Times do not increase, or shapes do not match. Nothing was appended.
         """
         scalar = np.ndim(time) == 0
-        values = self._rows(data, self._dtype(data), self._row_shape(), scalar=scalar)
-        count = 1 if scalar else len(time)
-        raws = None
-        if raw is not None:
-            raws = np.asarray(raw)[None] if scalar else np.asarray(raw)
-        for what, array in (("data", values), ("raw", raws)):
-            if array is not None and len(array) != count:
-                raise UsageError(f"{what} has {len(array)} samples, time {count}", where=self.name)
-        if self.count and (raws is not None) != ("raw" in self._arrays):
-            raise UsageError("raw comes with every sample or with none", where=self.name)
-        self._append_time(
+        values = self._typed(self._samples(data, "data", scalar=scalar))
+        columns = self._checked(
             time,
             {
+                "raw": None if raw is None else self._samples(raw, "raw", scalar=scalar),
                 "time_host": time_host,
                 "time_device": time_device,
                 "sequence": sequence,
                 "flags": flags,
             },
         )
-        self._data_array(values).append(values)
-        if raws is not None:
-            names = tuple(f"raw_{i}" for i in range(raws.ndim - 1))
-            self._array("raw", raws.dtype, raws.shape[1:], names).append(raws)
+        if len(values) != len(columns["time"]):
+            raise UsageError(
+                f"data has {len(values)} samples, time {len(columns['time'])}", where=self.name
+            )
+        with self._appending({**columns, "data": values}):
+            pass
+
+    def _samples(self, value: Any, what: str, *, scalar: bool) -> np.ndarray:
+        samples = _as_array(value, what, self.name)
+        if scalar:
+            return samples[None]
+        if not samples.ndim:
+            raise UsageError(f"{what} is one number, time has an axis", where=self.name)
+        return samples
+
+    def _column(self, name: str, values: np.ndarray) -> ArrayWriter:
+        return self._data_array(values) if name == "data" else super()._column(name, values)
 
     def _images(self) -> ArrayImages | None:
         images = getattr(self.model, "images", None)
@@ -274,29 +350,19 @@ class DataStreamWriter(StreamWriter):
             return tuple(model.grid)
         return None
 
-    def _dtype(self, data: Any) -> Any:
-        if self._images() is not None:
-            return np.uint8
-        known = _DATA_LAYOUT.get(type(self.model), (None, ()))[0]
-        if known is not None:
-            return known
-        dtype = np.asarray(data).dtype
-        if isinstance(self.model, TaxelsStream) and dtype not in (np.int16, np.float32):
-            raise UsageError(f"taxels are int16 or float32, not {dtype}", where=self.name)
-        return dtype
-
-    def _rows(
-        self, data: Any, dtype: Any, row_shape: tuple[int, ...] | None, *, scalar: bool
-    ) -> np.ndarray:
-        values = np.asarray(data)
-        values = values[None] if scalar else values
+    def _typed(self, values: np.ndarray) -> np.ndarray:
+        """Check samples against the kind's shape and type; cast numbers to that type."""
+        row_shape = self._row_shape()
         if row_shape is not None and values.shape[1:] != row_shape:
             raise UsageError(
                 f"a sample has shape {values.shape[1:]}, expected {row_shape}", where=self.name
             )
         if self._images() is not None and values.dtype != np.uint8:
             raise UsageError(f"frames are uint8, not {values.dtype}", where=self.name)
-        return values.astype(dtype, copy=False)
+        if isinstance(self.model, TaxelsStream) and values.dtype not in (np.int16, np.float32):
+            raise UsageError(f"taxels are int16 or float32, not {values.dtype}", where=self.name)
+        known = _DATA_LAYOUT.get(type(self.model), (None, ()))[0]
+        return values if known is None else values.astype(known, copy=False)
 
     def _data_array(self, values: np.ndarray) -> ArrayWriter:
         images = self._images()
@@ -308,19 +374,21 @@ class DataStreamWriter(StreamWriter):
         return self._array("data", values.dtype, values.shape[1:], names)
 
     def set_valid(self, valid: np.ndarray) -> None:
-        """Store which taxels are alive, (R, C) bool."""
+        """Store which taxels are alive, (R, C) bool.
+
+        Raises
+        ------
+        UsageError
+            The mask is not of that kind, or there is one already.
+        """
         if not isinstance(self.model, TaxelsStream):
             raise UsageError("only taxel streams have a valid mask", where=self.name)
-        writer = ArrayWriter(
-            self.folder / "valid",
-            np.bool_,
-            valid.shape[1:],
-            chunk_rows=valid.shape[0],
-            zstd=True,
-            dimension_names=("row", "column"),
-        )
-        writer.append(valid)
-        self._arrays["valid"] = writer
+        if valid.dtype != np.bool_ or valid.shape != tuple(self.model.grid):
+            raise UsageError(
+                f"the mask is {valid.shape} {valid.dtype}, the grid {tuple(self.model.grid)} bool",
+                where=self.name,
+            )
+        self._put_whole("valid", valid, ("row", "column"))
 
     def _complete(self) -> None:
         super()._complete()
@@ -370,19 +438,11 @@ class EncodedStreamWriter(StreamWriter):
             A file is no JPEG of the declared size, or times do not increase.
             Nothing was appended.
         """
-        files = [encoded] if isinstance(encoded, bytes) else list(encoded)
-        if np.ndim(time) and len(time) != len(files):
-            raise UsageError(f"{len(files)} frames, {len(time)} times", where=self.name)
+        files = [encoded] if isinstance(encoded, Bytes) else list(encoded)
         expected = (self._images.height, self._images.width, self._images.channels)
         for index, file in enumerate(files):
-            size = jpeg.size_of(file)
-            if size != expected:
-                raise UsageError(
-                    f"frame {self.count + index} is {size} (height, width, channels), "
-                    f"expected {expected}",
-                    where=self.name,
-                )
-        self._append_time(
+            self._check_file(file, self.count + index, expected)
+        columns = self._checked(
             time,
             {
                 "time_host": time_host,
@@ -391,13 +451,27 @@ class EncodedStreamWriter(StreamWriter):
                 "flags": flags,
             },
         )
+        if len(files) != len(columns["time"]):
+            raise UsageError(f"{len(files)} frames, {len(columns['time'])} times", where=self.name)
         ends = self._position + np.cumsum([len(file) for file in files], dtype=np.uint64)
-        for file in files:
-            self._data.append_bytes(file)
-        self._offset.append(ends)
-        self._crc.append(np.array([crc32c(file) for file in files], dtype=np.uint32))
+        with self._appending(columns):
+            for file in files:
+                self._data.append_bytes(file)
+            self._offset.append(ends)
+            self._crc.append(np.array([crc32c(file) for file in files], dtype=np.uint32))
         if files:
             self._position = int(ends[-1])
+
+    def _check_file(self, file: bytes, index: int, expected: tuple[int, int, int]) -> None:
+        try:
+            size = jpeg.size_of(file)
+        except DamagedDataError as error:
+            raise UsageError(f"frame {index}: {error.what}", where=self.name) from None
+        if size != expected:
+            raise UsageError(
+                f"frame {index} is {size} (height, width, channels), expected {expected}",
+                where=self.name,
+            )
 
 
 class VideoStreamWriter(StreamWriter):
@@ -430,32 +504,41 @@ class VideoStreamWriter(StreamWriter):
         Raises
         ------
         UsageError
-            Times do not increase, or the arrays differ in length.
+            Times do not increase, the arrays differ in length, a keyframe is not at or before its
+            frame, or the file has another size. Nothing was appended, unless the file changed
+            while it was read: then the stream cannot be finished.
         """
+        pts = _whole_numbers(pts, np.int64, "pts", self.name)
+        keyframe = _whole_numbers(keyframe, np.int64, "keyframe", self.name)
         if len(pts) != len(keyframe):
             raise UsageError(f"{len(pts)} pts, {len(keyframe)} keyframes", where=self.name)
+        if (keyframe < 0).any() or (keyframe > np.arange(len(keyframe))).any():
+            raise UsageError("a keyframe is not at or before its frame", where=self.name)
+        size = len(source) if isinstance(source, bytes) else source.stat().st_size
+        if size != file.bytes:
+            raise UsageError(
+                f"{file.name} has {size} bytes, its metadata says {file.bytes}", where=self.name
+            )
         scale = Fraction(file.time_base) * 1_000_000_000
-        time = np.array([file.start_ns + round(int(p) * scale) for p in pts], dtype=np.int64)
-        first = self.count
-        self._append_time(time, {})
-        self._array("file", np.uint32).append(np.full(len(pts), len(self._files), np.uint32))
-        self._array("pts", np.int64).append(np.asarray(pts, np.int64))
-        self._array("keyframe", np.uint64).append(
-            np.asarray(keyframe, np.uint64) + np.uint64(first)
-        )
+        columns = self._checked([file.start_ns + round(p * scale) for p in pts.tolist()], {})
+        columns["file"] = np.full(len(pts), len(self._files), np.uint32)
+        columns["pts"] = pts
+        columns["keyframe"] = (keyframe + self.count).astype(np.uint64)
+        with self._appending(columns):
+            self._copy(source)
+            self._position += file.bytes
+            if self._data.rows != self._position:
+                raise UsageError(f"{file.name} changed while it was read", where=self.name)
+            self._offset.append(np.array([self._position], np.uint64))
+        self._files.append(file)
+
+    def _copy(self, source: Path | bytes) -> None:
         if isinstance(source, bytes):
             self._data.append_bytes(source)
-        else:
-            with source.open("rb") as reader:
-                while piece := reader.read(_COPY_PIECE):
-                    self._data.append_bytes(piece)
-        self._position += file.bytes
-        if self._data.rows != self._position:
-            raise UsageError(
-                f"{file.name} changed while it was read, or its size is wrong", where=self.name
-            )
-        self._offset.append(np.array([self._position], np.uint64))
-        self._files.append(file)
+            return
+        with source.open("rb") as reader:
+            while piece := reader.read(_COPY_PIECE):
+                self._data.append_bytes(piece)
 
     def finish(self) -> StreamModel:
         """Write what is pending; return the stream's final metadata."""

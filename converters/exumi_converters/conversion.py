@@ -1,0 +1,179 @@
+"""Files of other formats become the episodes of a dataset."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from exumi_converters.converter import Converter, ConvertOptions, Discovery, EpisodeSource
+from exumi_converters.destination import write_splits
+from exumi_converters.identity import (
+    digest_inputs,
+    episode_id,
+    settings_digest,
+    source_digest,
+)
+from exumi_converters.registry import converters, find_converter
+from exumi_converters.report import ConversionReport, Progress
+from exumi_converters.run import Done, Run, attempt, make_episode, opened_run
+from exumi_data import __version__
+from exumi_data.engine import warm_up
+from exumi_data.errors import UsageError
+from exumi_data.model import DatasetMetadata, EpisodeMetadata, MadeBy, Source
+from exumi_data.model.documents import dump
+
+__all__ = ["TOOL", "convert"]
+
+TOOL = "exumi-data"
+
+
+def convert(
+    source: str | Path,
+    destination: str | Path,
+    *,
+    from_format: str,
+    options: ConvertOptions | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> ConversionReport:
+    """Convert a source into a dataset of episodes.
+
+    An episode's id is made from its source, so a second run skips what is complete and makes again
+    what is not, or what a changed file, label or option would make otherwise.
+
+    Parameters
+    ----------
+    source : path-like
+        File or folder, as the format wants it.
+    destination : path-like
+        The dataset: a new or empty folder, or one that an earlier run has made.
+    from_format : str
+        One of `FORMATS`, or of another package.
+    options : ConvertOptions, optional
+    on_progress : callable, optional
+        Called after each episode.
+
+    Returns
+    -------
+    ConversionReport
+        Failures are in it: everything else is converted nevertheless.
+
+    Raises
+    ------
+    UsageError, SourceError
+        An option, the source or the destination makes no sense as a whole. Nothing was converted.
+    """
+    began = time.perf_counter()
+    warm_up(__name__)
+    options = options or ConvertOptions()
+    known = converters()
+    if from_format not in known:
+        raise UsageError(f"Invalid format ({from_format}). Supported values are {', '.join(known)}")
+    converter = known[from_format]
+    source, destination = Path(source), Path(destination)
+    discovery = converter.discover(source, options)
+    _check_keys(discovery, source)
+    metadata = DatasetMetadata(
+        name=destination.resolve().name,
+        licence=options.licence,
+        made_by=MadeBy(
+            tool=TOOL,
+            tool_version=__version__,
+            settings={"converter": _versioned(converter), "layout": discovery.layout},
+        ),
+    )
+    with opened_run(destination, metadata, options.workers, on_progress, began) as run:
+        run.failed += discovery.failed
+        function = partial(
+            _convert_one, root=run.root, from_format=from_format, durable=options.durable
+        )
+        run.work(function, discovery.items, _key)
+        _write_splits(run, discovery)
+        unexplained = run.finish()
+        return ConversionReport(
+            source=str(source),
+            destination=str(destination),
+            total=run.converted + run.skipped + len(run.failed),
+            converted=run.converted,
+            skipped=run.skipped,
+            flagged=tuple(run.flagged),
+            failed=tuple(run.failed),
+            notices=(*discovery.notices, *run.notices),
+            unexplained=unexplained,
+            frames=run.frames,
+            seconds=run.seconds,
+            converter=_versioned(converter),
+            layout=discovery.layout,
+        )
+
+
+def _key(item: EpisodeSource) -> str:
+    return item.key
+
+
+def _versioned(converter: Converter) -> str:
+    return f"{converter.name}/{converter.version}"
+
+
+def _check_keys(discovery: Discovery, source: Path) -> None:
+    keys = [item.key for item in discovery.items]
+    if len(keys) != len(set(keys)):
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise UsageError(f"two episodes have the key {twice!r}", where=source)
+
+
+def _write_splits(run: Run[EpisodeSource], discovery: Discovery) -> None:
+    lists: dict[str, dict[str, list[str]]] = {}
+    for item in discovery.items:
+        for split, name in item.splits.items():
+            if item.key in run.ids:
+                lists.setdefault(split, {}).setdefault(name, []).append(run.ids[item.key])
+    write_splits(run.root, discovery.splits, lists)
+
+
+def _convert_one(item: EpisodeSource, *, root: Path, from_format: str, durable: bool) -> Done:
+    """Convert one episode; runs in a worker."""
+    converter = find_converter(from_format)
+
+    def make(metadata: EpisodeMetadata) -> Done:
+        return make_episode(
+            root,
+            item.key,
+            metadata,
+            lambda writer: converter.convert(item, writer),
+            durable=durable,
+        )
+
+    return attempt(item.key, lambda: _metadata(item, converter), make)
+
+
+def _metadata(item: EpisodeSource, converter: Converter) -> EpisodeMetadata:
+    inputs = digest_inputs(item.files)
+    scheme = f"{converter.name}/{converter.id_version}"
+    shaping = {
+        "converter": _versioned(converter),
+        "task": dump(item.task),
+        "licence": item.licence,
+        "regime": item.regime,
+        "annotations": None if item.annotations is None else dump(item.annotations),
+        "quality": [dump(note) for note in item.quality],
+        "settings": item.settings,
+    }
+    return EpisodeMetadata(
+        id=episode_id(scheme, source_digest(item.files, inputs), item.key),
+        start=None,
+        task=item.task,
+        regime=item.regime,
+        annotations=item.annotations,
+        licence=item.licence,
+        quality=list(item.quality),
+        source=Source(
+            type="converted",
+            tool=TOOL,
+            tool_version=__version__,
+            converter=_versioned(converter),
+            key=item.key,
+            inputs=inputs,
+            settings=item.settings,
+            settings_sha256=settings_digest(shaping),
+        ),
+    )

@@ -1,0 +1,198 @@
+"""What a converter is: it finds the episodes in a source, and writes one of them.
+
+A converter knows one format and nothing of ids, resuming, processes or catalogs: `exumi_converters`
+does that for all of them (``run.py``).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from exumi_converters.report import Failure
+from exumi_data.model import UNKNOWN_LICENCE, Annotations, QualityNote, Task
+from exumi_data.store.episode_writer import EpisodeWriter
+
+__all__ = [
+    "ConvertOptions",
+    "Converter",
+    "Discovery",
+    "EpisodeSource",
+    "NamedSplit",
+    "SourceFile",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConvertOptions:
+    """What the user can say about a conversion.
+
+    Attributes
+    ----------
+    labels : pathlib.Path, optional
+        CSV file of labels (formats that have them).
+    licence : str
+        SPDX expression; ``NOASSERTION`` when it is not known.
+    task : str
+        Name of the task.
+    rate : str, optional
+        Frames a second, as a rational number such as ``60000/1001``: for sources that do not say.
+    sensor : str, optional
+        Sensor model, such as ``gelsight-mini``; where the format does not imply it.
+    pad_type : {"plain", "dotted"}, optional
+        Gel of the sensor, where the format does not imply it.
+    stream, kind : str
+        Name and kind of the image stream (format ``clips``).
+    workers : int, optional
+        Processes; default all cores.
+    keep_going : bool
+        Whether failures leave the exit status 0. Everything that can be converted is converted in
+        either case, and every failure is reported.
+    durable : bool
+        Make every episode survive a power loss before it takes its final name.
+    """
+
+    labels: Path | None = None
+    licence: str = UNKNOWN_LICENCE
+    task: str = "touch"
+    rate: str | None = None
+    sensor: str | None = None
+    pad_type: Literal["plain", "dotted"] | None = None
+    stream: str = "tactile"
+    kind: Literal["tactile", "rgb"] = "tactile"
+    workers: int | None = None
+    keep_going: bool = False
+    durable: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class SourceFile:
+    """A file, or a folder of files, that an episode is made from.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+        Where it is now.
+    name : str
+        Its name within the source, ``/``-separated: the same wherever the source lies.
+    identifies : bool
+        Whether its content makes the episode's id. A table beside a video does not: when it
+        changes, the same episode gets a new revision.
+    """
+
+    path: Path
+    name: str
+    identifies: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeSource:
+    """One episode that a source holds: what `Converter.convert` needs, and nothing else does.
+
+    The files' bytes and the other fields, all of which can be written as JSON, decide the
+    episode's content; a change in any of them makes it be converted again.
+
+    Attributes
+    ----------
+    key : str
+        Names the episode within the source; the same on every machine.
+    files : tuple of SourceFile
+    task : Task
+    licence : str
+    annotations : Annotations, optional
+    regime : {"demonstration", "play", "touch"}
+    settings : dict
+        Everything else that the converter needs, JSON values only.
+    quality : tuple of QualityNote
+        What is known to be odd before the files are read.
+    splits : mapping of str to str
+        Published splits: name of the split to the list that this episode is in.
+    """
+
+    key: str
+    files: tuple[SourceFile, ...]
+    task: Task
+    licence: str
+    annotations: Annotations | None = None
+    regime: Literal["demonstration", "play", "touch"] = "touch"
+    settings: dict[str, Any] = field(default_factory=dict)
+    quality: tuple[QualityNote, ...] = ()
+    splits: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class NamedSplit:
+    """A split that a source publishes; becomes ``splits/<name>.json``."""
+
+    name: str
+    level: Literal["episode", "object", "part"]
+    method: str | None = None
+    seed: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Discovery:
+    """What a source holds.
+
+    Attributes
+    ----------
+    layout : str
+        Which layout was recognised, and by what.
+    items : tuple of EpisodeSource
+        In a stable order.
+    notices : tuple of str
+        What the user should know: files that were not read, labels that match nothing ...
+    failed : tuple of Failure
+        Episodes that are there and cannot be converted, as the search already shows.
+    splits : tuple of NamedSplit
+    """
+
+    layout: str
+    items: tuple[EpisodeSource, ...]
+    notices: tuple[str, ...] = ()
+    failed: tuple[Failure, ...] = ()
+    splits: tuple[NamedSplit, ...] = ()
+
+
+class Converter(Protocol):
+    """Reads one format. Third parties add theirs under the entry point ``exumi.converters``."""
+
+    name: str
+    """What the user writes after ``--from``."""
+    version: str
+    """Of what it writes: raise it when the same source gives another episode than before."""
+    id_version: int
+    """Of how it identifies episodes: raise it, and every episode gets a new id."""
+    describes: str
+    """One line for the user."""
+    keeps: tuple[str, ...]
+    """What of the source is in the episodes."""
+    loses: tuple[str, ...]
+    """What is not."""
+
+    def discover(self, source: Path, options: ConvertOptions) -> Discovery:
+        """Find the episodes of a source. Reads names, headers and tables, no frames.
+
+        Raises
+        ------
+        UsageError, SourceError
+            The source or an option makes no sense as a whole. Nothing has been written.
+        """
+        ...
+
+    def convert(self, item: EpisodeSource, writer: EpisodeWriter) -> int:
+        """Write the streams of one episode, and add to ``writer.metadata`` what only the data tell.
+
+        The caller has set id, task, annotations, source and licence, and finishes the episode.
+
+        Returns
+        -------
+        int
+            Frames written.
+
+        Raises
+        ------
+        SourceError
+            The files cannot be read. The episode does not appear.
+        """
+        ...

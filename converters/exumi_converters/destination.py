@@ -1,0 +1,179 @@
+"""The dataset that a run writes into: made or taken up, and its catalog and splits kept true."""
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from exumi_converters.converter import NamedSplit
+from exumi_converters.documents import to_json
+from exumi_data.catalog import (
+    CATALOG_NAME,
+    EPISODES_FOLDER,
+    build_catalog,
+    list_episodes,
+    read_catalog,
+    rows_to_table,
+    write_catalog,
+)
+from exumi_data.dataset import DATASET_DOCUMENT, create_dataset
+from exumi_data.errors import ExumiError, UsageError
+from exumi_data.model import DatasetMetadata, SplitDocument
+from exumi_data.model.documents import dump, parse_dataset, parse_split
+from exumi_data.store.access import open_store
+from exumi_data.store.digest import digest_of
+from exumi_data.store.files import write_atomic
+
+__all__ = ["drop_catalog", "open_destination", "refresh_catalog", "write_splits"]
+
+
+def open_destination(path: Path, metadata: DatasetMetadata) -> Path:
+    """Make the dataset, or take up the one that is there.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    metadata : DatasetMetadata
+        What it says of itself if it is new. Of one that is there, licence and how it was made are
+        brought up to date if the same converter made it; all else is the user's.
+
+    Raises
+    ------
+    UsageError
+        The folder holds something else, or cannot be written.
+    """
+    try:
+        root = create_dataset(path, metadata)
+        (root / EPISODES_FOLDER).mkdir(exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"cannot be made ({error.strerror})", where=path, fix="Name a folder you may write to."
+        ) from None
+    document = root / DATASET_DOCUMENT
+    found = parse_dataset(document.read_bytes(), document)
+    if _maker(found) == _maker(metadata):
+        found.licence = metadata.licence
+        found.made_by = metadata.made_by
+        _write_if_changed(document, to_json(dump(found)))
+    return root
+
+
+def _maker(metadata: DatasetMetadata) -> str | None:
+    """Return the converter that made a dataset, without its version."""
+    made_by = metadata.made_by
+    settings = (made_by.settings if made_by else None) or {}
+    return str(settings["converter"]).partition("/")[0] if "converter" in settings else None
+
+
+def _write_if_changed(path: Path, content: bytes) -> None:
+    if not path.exists() or path.read_bytes() != content:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, content)
+
+
+def drop_catalog(root: Path) -> None:
+    """Remove the catalog before an episode changes: until the end of the run it would be wrong."""
+    (root / CATALOG_NAME).unlink(missing_ok=True)
+
+
+def refresh_catalog(
+    root: Path, fresh: Mapping[str, dict[str, Any]], known: Iterable[dict[str, Any]], workers: int
+) -> list[str]:
+    """Write the catalog, reading as few episodes as possible.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+    fresh : mapping of str to dict
+        Rows of the episodes that were just written, by path.
+    known : iterable of dict
+        Rows of the catalog before the run: taken where the episode did not change.
+    workers : int
+
+    Returns
+    -------
+    list of str
+        Episodes that cannot be read, and why.
+    """
+    old = {row["path"]: row for row in known}
+    rows, todo = [], []
+    for path in list_episodes(root):
+        row = fresh.get(path) or _unchanged(root, path, old.get(path))
+        if row is None:
+            todo.append(path)
+        else:
+            rows.append(row)
+    failed = []
+    if todo:
+        built, problems = build_catalog(root, paths=todo, workers=workers)
+        rows += built.to_pylist()
+        failed = [f"not in the catalog, because it cannot be read: {p.error}" for p in problems]
+    table = rows_to_table(rows)
+    before = read_catalog(root)
+    if before is None or not table.equals(before):
+        write_catalog(root, table)
+    return failed
+
+
+def _unchanged(root: Path, path: str, row: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Return an old row, if the documents of the episode are the ones that it was made from."""
+    if row is None:
+        return None
+    try:
+        store = open_store(root / path)
+    except ExumiError:
+        return None
+    try:
+        if hashlib.sha256(store.read("zarr.json")).hexdigest() != row["root_sha256"]:
+            return None
+        has_derived = row["derived_digest"] is not None
+        same = not has_derived or digest_of(store, derived=True) == row["derived_digest"]
+        return row if same else None
+    except (ExumiError, OSError):
+        return None
+    finally:
+        store.close()
+
+
+def write_splits(
+    root: Path, splits: Sequence[NamedSplit], lists: Mapping[str, Mapping[str, Sequence[str]]]
+) -> None:
+    """Write splits that the source publishes, and name them in ``dataset.json``.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+    splits : sequence of NamedSplit
+    lists : mapping
+        Split to list to ids of episodes. Episodes of the dataset that are of another source stay
+        where an existing split has them.
+    """
+    for split in splits:
+        values: dict[str, Any] = {"name": split.name, "level": split.level}
+        values |= {
+            key: value
+            for key, value in (("method", split.method), ("seed", split.seed))
+            if value is not None
+        }
+        merged = _merged(root, split, lists.get(split.name, {}))
+        document = SplitDocument(**values, lists=merged)
+        _write_if_changed(root / "splits" / f"{split.name}.json", to_json(dump(document)))
+    path = root / DATASET_DOCUMENT
+    metadata = parse_dataset(path.read_bytes(), path)
+    names = sorted({*metadata.splits, *(split.name for split in splits)})
+    if names != metadata.splits:
+        metadata.splits = names
+        _write_if_changed(path, to_json(dump(metadata)))
+
+
+def _merged(
+    root: Path, split: NamedSplit, lists: Mapping[str, Sequence[str]]
+) -> dict[str, list[str]]:
+    merged = {name: set(ids) for name, ids in lists.items()}
+    placed = {episode_id for ids in lists.values() for episode_id in ids}
+    present = {Path(path).name.partition(".")[0] for path in list_episodes(root)}
+    path = root / "splits" / f"{split.name}.json"
+    if path.is_file():
+        for name, ids in parse_split(path.read_bytes(), path).lists.items():
+            merged.setdefault(name, set()).update((set(ids) - placed) & present)
+    return {name: sorted(ids) for name, ids in sorted(merged.items())}

@@ -1,0 +1,67 @@
+"""The program ``exumi``: its verbs, and ``--version``."""
+
+from typing import Annotated
+
+import typer
+
+from exumi_data.cli import convert, demo, index, info, pack, prepare, stats, validate
+from exumi_data.cli.failures import ReportingGroup, stop_on_signals
+from exumi_data.cli.options import epilog
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="exumi",
+    cls=ReportingGroup,
+    help="Record, convert, check and load tactile robot data: the exUMI Episode toolkit.",
+    epilog=epilog(
+        "exumi demo",
+        "exumi convert clips/ my-dataset --from octopi --labels labels.csv",
+        "exumi validate my-dataset",
+    ),
+    no_args_is_help=True,
+    # Plain text: rich's help looks richer, and takes three times as long to appear.
+    rich_markup_mode=None,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    pretty_exceptions_enable=False,
+)
+
+app.command("demo", epilog=demo.EPILOG)(demo.run)
+app.command("convert", epilog=convert.EPILOG)(convert.run)
+app.command("prepare", epilog=prepare.EPILOG)(prepare.run)
+app.command("index", epilog=index.EPILOG)(index.run)
+app.command("pack", epilog=pack.EPILOG)(pack.run)
+app.command("validate", epilog=validate.EPILOG)(validate.run)
+app.command("stats", epilog=stats.EPILOG)(stats.run)
+app.command("info", epilog=info.EPILOG)(info.run)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from exumi_data._version import __version__
+        from exumi_data.model.episode import FORMAT_VERSION
+
+        typer.echo(f"exumi-data {__version__} (format {FORMAT_VERSION})")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            callback=_print_version,
+            is_eager=True,
+            help="Print the versions of the library and of the format.",
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Run the program; ends the process with one of the package's exit codes."""
+    stop_on_signals()
+    app(prog_name="exumi")

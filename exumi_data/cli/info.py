@@ -1,0 +1,44 @@
+"""``exumi info``."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exumi_data.cli.options import Format, FormatOption, epilog
+
+__all__ = ["EPILOG", "run"]
+
+EPILOG = epilog(
+    "exumi info my-dataset",
+    "exumi info my-dataset/episodes/3f/0190a1b2-4c5d-7e8f-9a0b-1c2d3e4f503f.zarr",
+    "exumi info my-dataset --format json",
+)
+
+
+def run(
+    path: Annotated[
+        Path, typer.Argument(metavar="PATH", help="A dataset, or one episode (.zarr or .zarr.zip).")
+    ],
+    output: FormatOption = Format.TEXT,
+) -> None:
+    """Show what a dataset or an episode is, on one screen.
+
+    A dataset is read from its catalog, an episode from its metadata: no data is read.
+    """
+    import exumi_data
+    from exumi_data.cli.output import print_json, result_console
+    from exumi_data.stats.summary import EpisodeSummary, summarize
+
+    summary = summarize(exumi_data.open(path))
+    if output is Format.JSON:
+        print_json(asdict(summary))
+    elif isinstance(summary, EpisodeSummary):
+        from exumi_data.cli.info_text import print_episode
+
+        print_episode(summary, result_console())
+    else:
+        from exumi_data.cli.info_text import print_dataset
+
+        print_dataset(summary, result_console())

@@ -1,0 +1,73 @@
+"""``exumi prepare``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exumi_data.cli.options import Format, FormatOption, QuietOption, WorkersOption, epilog
+
+__all__ = ["EPILOG", "run"]
+
+EPILOG = epilog(
+    "exumi prepare my-dataset my-training-set",
+    "exumi prepare my-dataset my-training-set --size 224 --gray --quality 95",
+    "exumi prepare my-dataset my-training-set --lossless",
+)
+
+
+def run(  # noqa: PLR0913, PLR0917  # options of the command line
+    source: Annotated[
+        Path, typer.Argument(metavar="SRC", help="A dataset or an episode. Only read.")
+    ],
+    destination: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DST", help="The training set: a new or empty folder, or one to go on with."
+        ),
+    ],
+    size: Annotated[
+        int, typer.Option(min=8, max=4096, help="Height and width of frames, pixels.")
+    ] = 224,
+    gray: Annotated[bool, typer.Option("--gray", help="Store tactile frames in one channel.")] = (
+        False
+    ),
+    quality: Annotated[
+        int | None, typer.Option(min=1, max=100, help="JPEG quality. Default: 95.")
+    ] = None,
+    lossless: Annotated[
+        bool, typer.Option("--lossless", help="Store pixels instead of JPEG files: larger.")
+    ] = False,
+    keep_going: Annotated[
+        bool,
+        typer.Option(
+            "--keep-going", help="Exit with 0 although some episodes could not be prepared."
+        ),
+    ] = False,
+    output: FormatOption = Format.TEXT,
+    workers: WorkersOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Make a training set: frames resized once, each of them one read away.
+
+    The result is a dataset in the same format; every lossy step is on record in it. Run it again
+    to go on where it was stopped. Exit code 1 if some episodes could not be prepared.
+    """
+    from exumi_converters import prepare
+    from exumi_data.cli.run_report import finish, run_progress
+    from exumi_data.errors import UsageError
+
+    if lossless and quality is not None:
+        raise UsageError("--lossless and --quality exclude each other", fix="Give one of them.")
+    with run_progress("Preparing", quiet=quiet) as on_progress:
+        report = prepare(
+            source,
+            destination,
+            size=size,
+            gray=gray,
+            quality=95 if quality is None else quality,
+            lossless=lossless,
+            workers=workers,
+            on_progress=on_progress,
+        )
+    finish(report, output=output, quiet=quiet, keep_going=keep_going)

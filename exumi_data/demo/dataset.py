@@ -1,0 +1,429 @@
+"""A simulated play session written as a dataset: one episode a grasp.
+
+Nothing is measured here, and the episodes say so: their source is ``simulated``, their clocks are
+stamped ``simulated``. Everything else is as a recorder would write it: stamps on the hub's clock
+with the latency known and taken out, the encoder's counts beside the width, reference images
+captured without contact, activity and salient frames derived.
+"""
+
+import uuid
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from exumi_data._version import __version__
+from exumi_data.catalog import build_catalog, episode_path, write_catalog
+from exumi_data.dataset import DATASET_DOCUMENT, Dataset, create_dataset, open_dataset
+from exumi_data.engine import map_items
+from exumi_data.errors import UsageError
+from exumi_data.model import (
+    Annotations,
+    CalibrationItem,
+    Clock,
+    DatasetMetadata,
+    Device,
+    Embodiment,
+    EncodedImages,
+    EpisodeMetadata,
+    Frames,
+    Gap,
+    LossyStep,
+    MadeBy,
+    RawData,
+    Segment,
+    Sensor,
+    Source,
+    Task,
+)
+from exumi_data.model.documents import parse_dataset
+from exumi_data.store import jpeg
+from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_data.tactile import (
+    ACTIVE_THRESHOLD,
+    ACTIVITY_METHOD,
+    SALIENCE_METHOD,
+    ActivityMeter,
+    difference_energy,
+    salient_frames,
+)
+
+if TYPE_CHECKING:
+    from exumi_data.simulation import Grasp, PlaySession, SimulatedStream
+
+__all__ = ["DATASET_NAME", "DemoSettings", "episode_id", "make_session", "write_play_dataset"]
+
+DATASET_NAME = "exumi-demo"
+LICENCE = "CC0-1.0"
+
+_TOOL = "exumi demo"
+_SALIENT = 10
+# Ids of simulated episodes: UUIDv5 in this namespace.
+_NAMESPACE = uuid.UUID("5d0f7c9e-3b0e-5a57-9c8f-2f1f8e0f6f0a")
+
+
+@dataclass(frozen=True, slots=True)
+class DemoSettings:
+    """What the demonstration's dataset is made from: the same settings give the same dataset.
+
+    Attributes
+    ----------
+    seed : int
+        Chooses everything that is left to chance.
+    seconds : float
+        Length of the play session, about one grasp in 5 s.
+    quality : int
+        JPEG quality of tactile and camera frames.
+    """
+
+    seed: int = 7
+    seconds: float = 20.0
+    quality: int = 95
+
+
+@lru_cache(maxsize=1)  # one process writes several grasps of one session
+def make_session(seed: int, seconds: float) -> "PlaySession":
+    """Return the simulated play session.
+
+    Parameters
+    ----------
+    seed : int
+    seconds : float
+
+    Raises
+    ------
+    UsageError
+        An argument is out of its range.
+    """
+    from exumi_data.simulation import simulate_play
+
+    try:
+        return simulate_play(seed=seed, duration_s=seconds)
+    except ValueError as error:
+        raise UsageError(str(error).rstrip(".")) from None
+
+
+def write_play_dataset(
+    root: Path,
+    settings: DemoSettings,
+    *,
+    workers: int | None = None,
+    on_done: Callable[[int, int], None] | None = None,
+) -> Dataset:
+    """Simulate a play session and write it as a dataset, one episode a grasp.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+        Folder of the dataset; an earlier demonstration there is replaced.
+    settings : DemoSettings
+    workers : int, optional
+        Processes; default all cores.
+    on_done : callable, optional
+        Called after each episode with the number of episodes done and of all, for progress.
+
+    Returns
+    -------
+    Dataset
+
+    Raises
+    ------
+    UsageError
+        `root` holds something else, or a setting is out of its range.
+    """
+    grasps = range(len(make_session(settings.seed, settings.seconds).grasps))
+    _clear_earlier(root)
+    create_dataset(root, _dataset_metadata(settings))
+    function = partial(_write_grasp, root=root, settings=settings)
+    for done, outcome in enumerate(map_items(function, grasps, workers=workers), start=1):
+        if outcome.error is not None:
+            raise outcome.error
+        if on_done is not None:
+            on_done(done, len(grasps))
+    table, failed = build_catalog(root)
+    if failed and failed[0].error is not None:
+        raise failed[0].error
+    write_catalog(root, table)
+    return open_dataset(root)
+
+
+def _dataset_metadata(settings: DemoSettings) -> DatasetMetadata:
+    return DatasetMetadata(
+        name=DATASET_NAME,
+        description="A simulated play session with known truth: a hand-held gripper with two "
+        "tactile fingertips picks up, turns, lets slide and puts down objects.",
+        licence=LICENCE,
+        made_by=MadeBy(
+            tool=_TOOL,
+            tool_version=__version__,
+            command=f"exumi demo --seed {settings.seed} --seconds {settings.seconds:g}",
+            settings=asdict(settings),
+        ),
+    )
+
+
+def _clear_earlier(root: Path) -> None:
+    """Remove an earlier demonstration; refuse to touch anything else."""
+    import shutil
+
+    document = root / DATASET_DOCUMENT
+    if not document.is_file():
+        return
+    made_by = parse_dataset(document.read_bytes(), document).made_by
+    if made_by is None or made_by.tool != _TOOL:
+        raise UsageError(
+            "holds a dataset that the demonstration did not make",
+            where=root,
+            fix="Name another folder with --out.",
+        )
+    shutil.rmtree(root)
+
+
+def episode_id(settings: DemoSettings, grasp: int) -> str:
+    """Return the id of a grasp's episode: the same for the same settings."""
+    key = f"exumi-demo/1 {settings.seed} {settings.seconds!r} {settings.quality} {grasp}"
+    return str(uuid.uuid5(_NAMESPACE, key))
+
+
+def _write_grasp(number: int, *, root: Path, settings: DemoSettings) -> str:
+    session = make_session(settings.seed, settings.seconds)
+    metadata = _episode_metadata(session, number, settings)
+    path = root / episode_path(metadata.id)
+    with EpisodeWriter(path, metadata, durable=False) as writer:
+        for stream in session.streams.values():
+            _write_stream(writer, session, stream, session.grasps[number], settings)
+    return metadata.id
+
+
+def _episode_metadata(
+    session: "PlaySession", number: int, settings: DemoSettings
+) -> EpisodeMetadata:
+    lossy = [
+        LossyStep(
+            step="jpeg-encode",
+            stream=stream.name,
+            detail=f"drawn frames encoded as JPEG, quality {settings.quality}, chroma 4:2:0",
+            parameters={"quality": settings.quality, "subsampling": "4:2:0"},
+        )
+        for stream in session.streams.values()
+        if stream.is_image
+    ]
+    return EpisodeMetadata(
+        id=episode_id(settings, number),
+        task=Task(
+            name="tabletop-play",
+            instruction="Pick up what lies on the table, feel it, and put it down again.",
+        ),
+        regime="play",
+        device=Device(name="simulated hand-held gripper"),
+        embodiment=Embodiment(name="simulated parallel gripper", gripper="parallel"),
+        calibration=_calibration(session),
+        annotations=_annotations(session, number),
+        licence=LICENCE,
+        source=Source(
+            type="simulated",
+            tool="exumi-data",
+            tool_version=__version__,
+            key=f"grasp {number}",
+            settings=asdict(settings),
+            lossy=lossy,
+        ),
+    )
+
+
+def _calibration(session: "PlaySession") -> dict[str, CalibrationItem]:
+    known = "known: it is the simulator's own"
+    encoder = session.encoder
+    return {
+        "width_encoder": CalibrationItem(
+            value={
+                "zero_count": encoder.zero_count,
+                "counts_per_m": encoder.counts_per_m,
+                "bits": encoder.bits,
+            },
+            method=known,
+        ),
+        "rgb_intrinsics": CalibrationItem(
+            value=session.camera_matrix.tolist(), unit="px", method=known
+        ),
+        "T_gripper_rgb": CalibrationItem(
+            value=session.gripper_camera.tolist(), unit="m", method=known
+        ),
+    }
+
+
+def _annotations(session: "PlaySession", number: int) -> Annotations:
+    grasp = session.grasps[number]
+    earlier = session.grasps[:number]
+    edges = (
+        ("reach", grasp.t_start_s, grasp.t_contact_s),
+        ("contact", grasp.t_contact_s, grasp.t_release_s),
+        ("retreat", grasp.t_release_s, grasp.t_end_s),
+    )
+    origin = _origin_ns(grasp)
+    return Annotations(
+        object_id=grasp.object_name,
+        object=grasp.object_name,
+        trial=sum(other.object_index == grasp.object_index for other in earlier),
+        procedure="grasp",
+        pad_type="dotted" if session.dotted else "plain",
+        segments=[
+            Segment(
+                name=name,
+                start_ns=round(start * 1e9) - origin,
+                end_ns=round(end * 1e9) - origin,
+            )
+            for name, start, end in edges
+        ],
+    )
+
+
+def _origin_ns(grasp: "Grasp") -> int:
+    """Return the session's time that is the episode's time 0."""
+    return round(grasp.t_start_s * 1e9)
+
+
+def _write_stream(
+    writer: EpisodeWriter,
+    session: "PlaySession",
+    stream: "SimulatedStream",
+    grasp: "Grasp",
+    settings: DemoSettings,
+) -> None:
+    capture_ns = stream.capture_time_ns
+    inside = (capture_ns >= round(grasp.t_start_s * 1e9)) & (
+        capture_ns < round(grasp.t_end_s * 1e9)
+    )
+    chosen = np.flatnonzero(inside)
+    sequence = stream.sequence[chosen]
+    out = writer.add_stream(
+        stream.name,
+        kind=stream.kind,
+        clock=_clock(stream, grasp),
+        nominal_rate=str(round(stream.rate_hz)),
+        gaps=_gaps(sequence),
+        **_fields(session, stream),
+    )
+    beside: dict[str, Any] = {
+        "time_host": stream.time_ns[chosen],
+        "sequence": sequence.astype(np.uint64),
+    }
+    time = capture_ns[chosen] - _origin_ns(grasp)
+    if stream.data is not None:
+        raw = {} if stream.raw is None else {"raw": stream.raw[chosen]}
+        out.append(time, stream.data[chosen], **raw, **beside)
+        return
+    measure = _TactileMeasure(stream.reference) if stream.reference is not None else None
+    for position, index in enumerate(chosen):
+        file = jpeg.encode(stream.render(int(index)), settings.quality)
+        out.append(
+            int(time[position]),
+            file,
+            **{key: int(values[position]) for key, values in beside.items()},
+        )
+        if measure is not None:
+            measure.add(file)
+    if measure is not None:
+        out.set_reference(stream.reference, method="captured", contact_free=True)
+        measure.write(writer, stream.name)
+
+
+class _TactileMeasure:
+    """Activity and frame differences of a tactile stream, from the frames as they are stored."""
+
+    def __init__(self, reference: npt.NDArray[np.uint8]) -> None:
+        self._meter = ActivityMeter(reference)
+        self._shape = (*reference.shape[:2], 1)
+        self._activity: list[float] = []
+        self._energy: list[int] = []
+        self._previous: npt.NDArray[np.uint8] | None = None
+
+    def add(self, file: bytes) -> None:
+        """Measure the next frame."""
+        frame = np.empty(self._shape, np.uint8)
+        jpeg.decode_into(file, frame)
+        grey = frame[..., 0]
+        previous = self._previous
+        self._activity.append(self._meter.measure(grey))
+        self._energy.append(0 if previous is None else difference_energy(previous, grey))
+        self._previous = grey
+
+    def write(self, writer: EpisodeWriter, name: str) -> None:
+        """Add what was measured to the episode."""
+        data = f"streams/{name}/data"
+        writer.add_derived(
+            name,
+            "activity",
+            np.array(self._activity, np.float32),
+            algorithm=ACTIVITY_METHOD,
+            parameters={
+                "threshold": self._meter.threshold,
+                "size": self._meter.size,
+                "active_above": ACTIVE_THRESHOLD,
+            },
+            inputs=[data, f"streams/{name}/reference"],
+        )
+        writer.add_derived(
+            name,
+            "salient",
+            salient_frames(self._energy, _SALIENT),
+            algorithm=SALIENCE_METHOD,
+            parameters={"k": _SALIENT},
+            inputs=[data],
+        )
+
+
+def _clock(stream: "SimulatedStream", grasp: "Grasp") -> Clock:
+    """Return the clock: stamps count from the session's start, the latency is known."""
+    return Clock(
+        source="session",
+        stamp_point="simulated",
+        offset_ns=-_origin_ns(grasp),
+        latency_ns=stream.latency_ns,
+        latency_sigma_ns=0.0,
+        raw_time="time_host",
+        method="known: the simulator delays every sample by this much",
+    )
+
+
+def _gaps(sequence: npt.NDArray[np.int64]) -> list[Gap] | None:
+    lost = np.diff(sequence) - 1
+    gaps = [Gap(after=int(i), lost=int(lost[i])) for i in np.flatnonzero(lost)]
+    return gaps or None
+
+
+def _fields(session: "PlaySession", stream: "SimulatedStream") -> dict[str, Any]:
+    """Return what the stream's kind asks for."""
+    if stream.kind == "pose":
+        return {
+            "frames": Frames(parent="world", child="gripper"),
+            "sensor": Sensor(model="simulated-tracker"),
+        }
+    if stream.kind == "width":
+        encoder = session.encoder
+        return {
+            "raw": RawData(unit="count", transform="width_encoder", modulus=1 << encoder.bits),
+            "sensor": Sensor(model="simulated-encoder"),
+        }
+    height, width, channels = stream.render(0).shape
+    images = EncodedImages(
+        encoding="encoded",
+        media_type="image/jpeg",
+        height=height,
+        width=width,
+        channels=3 if channels == 3 else 1,
+    )
+    if stream.kind == "rgb":
+        return {"images": images, "sensor": Sensor(model="simulated-wrist-camera")}
+    scale = session.tactile_m_per_px * 1e3
+    return {
+        "images": images,
+        "mm_per_px": [scale, scale],
+        "sensor": Sensor(
+            model="simulated-gel", side="left" if stream.name == "tactile_left" else "right"
+        ),
+    }

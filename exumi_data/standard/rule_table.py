@@ -1,0 +1,73 @@
+"""The rules of the standard."""
+
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal, get_args
+
+from exumi_data.standard.toml_data import read_toml
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["LEVELS", "Level", "Rule", "Severity", "rules"]
+
+Level = Literal["document", "hierarchy", "arrays", "data"]
+Severity = Literal["error", "warning", "info"]
+
+LEVELS: tuple[Level, ...] = get_args(Level)
+"""From the cheapest to the dearest: the documents alone; names, shapes and codecs; the
+low-dimensional arrays and how they agree; every byte and every frame."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rule:
+    """One rule of the standard.
+
+    Attributes
+    ----------
+    id : str
+        Stable: an id is never used for anything else, also after its rule is gone.
+    level : {"document", "hierarchy", "arrays", "data"}
+        The cheapest level of validation that can judge it.
+    severity : {"error", "warning", "info"}
+        A MUST is an error, a SHOULD a warning.
+    title : str
+        What holds when the rule is kept.
+    message : str
+        What to say when it is broken; ``{path}``, ``{index}``, ``{expected}``, ``{found}`` and
+        words of the check's own are filled in.
+    suggestion : str
+        What to do about it.
+    anchor : str
+        Where the rule stands, below ``spec/<version>/``.
+    since : str
+        Format version that has it.
+    """
+
+    id: str
+    level: Level
+    severity: Severity
+    title: str
+    message: str
+    suggestion: str
+    anchor: str
+    since: str
+
+    @property
+    def group(self) -> str:
+        """The part of the id before the number."""
+        return self.id.partition("-")[0]
+
+
+@cache
+def rules() -> "Mapping[str, Rule]":
+    """Return all rules by id, in the order of the specification."""
+    found: dict[str, Rule] = {}
+    for entry in read_toml("rules.toml")["rule"]:
+        rule = Rule(**entry)
+        if rule.id in found:
+            msg = f"rules.toml has two rules {rule.id}"
+            raise ValueError(msg)
+        found[rule.id] = rule
+    return MappingProxyType(found)

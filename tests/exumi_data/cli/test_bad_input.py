@@ -1,0 +1,168 @@
+"""Every bad path gives one clear message, exit code 2, and no traceback."""
+
+import json
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from exumi_data.cli.app import app
+from exumi_data.store.pack import pack
+
+Program = Callable[..., subprocess.CompletedProcess[str]]
+
+READERS = ("stats", "info", "validate", "pack", "index")
+
+
+@pytest.fixture
+def exumi() -> Program:
+    """Run the program within this process, which is faster than many processes."""
+
+    def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+        given = [str(argument) for argument in arguments]
+        done = CliRunner().invoke(app, given)
+        return subprocess.CompletedProcess(given, done.exit_code, done.stdout, done.stderr)
+
+    return run
+
+
+def refused(done: subprocess.CompletedProcess[str]) -> str:
+    """Check that a run was refused in good manner; return what it said."""
+    assert done.returncode == 2, done
+    assert done.stdout == ""
+    assert done.stderr.startswith("error: ")
+    assert "Traceback" not in done.stderr
+    assert "unexpected" not in done.stderr
+    assert 1 <= len(done.stderr.splitlines()) <= 2
+    return done.stderr
+
+
+@pytest.mark.parametrize("verb", READERS)
+def test_a_path_that_is_not_there(exumi: Program, tmp_path: Path, verb: str) -> None:
+    assert "nowhere" in refused(exumi(verb, tmp_path / "nowhere"))
+
+
+@pytest.mark.parametrize("verb", READERS)
+def test_a_folder_that_holds_something_else(exumi: Program, tmp_path: Path, verb: str) -> None:
+    (tmp_path / "notes.txt").write_text("hello")
+    assert str(tmp_path) in refused(exumi(verb, tmp_path))
+
+
+@pytest.mark.parametrize("verb", READERS)
+def test_a_file_that_is_something_else(exumi: Program, tmp_path: Path, verb: str) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("hello")
+    assert "notes.txt" in refused(exumi(verb, path))
+
+
+@pytest.mark.parametrize("verb", ["stats", "info", "pack"])
+def test_an_episode_that_was_never_finished(exumi: Program, episode: Path, verb: str) -> None:
+    partial = episode.with_name(".partial-0190a1b2-4c5d-7e8f-9a0b-1c2d3e4f5001")
+    episode.rename(partial)
+    said = refused(exumi(verb, partial))
+    assert "never finished" in said
+    (partial / "zarr.json").unlink()
+    half = partial.rename(partial.with_name("half.zarr"))
+    assert "never finished" in refused(exumi(verb, half))
+
+
+@pytest.mark.parametrize("verb", ["stats", "info", "pack"])
+@pytest.mark.parametrize("size", [0, 100, -100])
+def test_a_zip_that_was_cut_short(exumi: Program, episode: Path, verb: str, size: int) -> None:
+    packed = pack(episode)
+    whole = packed.read_bytes()
+    packed.write_bytes(whole[:size])
+    said = refused(exumi(verb, packed))
+    assert packed.name in said
+    assert "copy it again" in said or size == 0
+
+
+@pytest.mark.parametrize("verb", ["stats", "info", "pack"])
+def test_broken_metadata(exumi: Program, episode: Path, verb: str) -> None:
+    root = episode / "zarr.json"
+    document = json.loads(root.read_text())
+    document["attributes"]["exumi"]["regime"] = "dance"
+    root.write_text(json.dumps(document))
+    assert "regime" in refused(exumi(verb, episode))
+    root.write_text("{ not json")
+    assert "not valid JSON" in refused(exumi(verb, episode))
+
+
+def test_a_missing_array(exumi: Program, episode: Path) -> None:
+    shutil.rmtree(episode / "streams" / "pose" / "time")
+    for verb in ("stats", "pack"):
+        assert "missing" in refused(exumi(verb, episode))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--from", "zoo"], "octopi"),
+        ([], "octopi"),
+        (["--from", "octopi"], "nowhere"),
+        (["--from", "clips"], "nowhere"),
+    ],
+)
+def test_converting_what_is_not_there(
+    exumi: Program, tmp_path: Path, arguments: list[str], word: str
+) -> None:
+    said = refused(exumi("convert", tmp_path / "nowhere", tmp_path / "out", *arguments))
+    assert word in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_converting_into_a_folder_of_something_else(exumi: Program, tmp_path: Path) -> None:
+    source, target = tmp_path / "in", tmp_path / "out"
+    source.mkdir()
+    target.mkdir()
+    (source / "a_0.mov").write_bytes(b"")
+    (target / "thesis.txt").write_text("precious")
+    refused(exumi("convert", source, target, "--from", "clips"))
+    assert (target / "thesis.txt").read_text() == "precious"
+    assert [path.name for path in target.iterdir()] == ["thesis.txt"]
+
+
+def test_an_empty_clip_is_named_and_the_exit_code_is_1(exumi: Program, tmp_path: Path) -> None:
+    source = tmp_path / "in"
+    source.mkdir()
+    (source / "egg_0.mov").write_bytes(b"no video at all")
+    arguments = ["convert", source, tmp_path / "out", "--from", "clips", "--workers", "1"]
+    done = exumi(*arguments)
+    assert done.returncode == 1
+    assert "error: 1 of 1 failed" in done.stderr
+    assert "egg_0.mov: " in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "0 written, 1 failed of 1 episodes" in done.stdout
+    assert exumi(*arguments, "--keep-going").returncode == 0
+    listed = json.loads(exumi(*arguments, "--format", "json").stdout)
+    assert [failure["name"] for failure in listed["failed"]] == ["egg_0.mov"]
+
+
+def test_options_of_prepare_that_exclude_each_other(
+    exumi: Program, dataset: Path, tmp_path: Path
+) -> None:
+    target = tmp_path / "training"
+    done = exumi("prepare", dataset, target, "--lossless", "--quality", "80")
+    assert "exclude each other" in refused(done)
+    assert not target.exists()
+
+
+def test_a_demonstration_never_overwrites_other_data(
+    exumi: Program, dataset: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    dataset.rename(out / "dataset")
+    said = refused_after_title(exumi("demo", "--out", out, "--seconds", "3"))
+    assert "--out" in said
+    assert len(list((out / "dataset").glob("episodes/*/*.zarr"))) == 2
+
+
+def refused_after_title(done: subprocess.CompletedProcess[str]) -> str:
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert "Traceback" not in done.stderr
+    return done.stderr

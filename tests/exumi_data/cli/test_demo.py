@@ -1,0 +1,144 @@
+"""The demonstration, from the simulated session to the picture."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import cast
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import exumi_data
+from exumi_data.cli.app import app
+from exumi_data.dataset import Dataset
+from exumi_data.demo import DemoSettings, make_session, write_play_dataset
+from exumi_data.demo.canvas import Canvas
+from exumi_data.time import apply_clock
+
+SECONDS = 4.0
+WITHOUT_TORCH = """
+import sys
+
+class NotInstalled:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "torch":
+            raise ModuleNotFoundError("No module named 'torch'", name="torch")
+
+sys.meta_path.insert(0, NotInstalled())
+from exumi_data.cli.app import app
+app(sys.argv[1:])
+"""
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a finished demonstration."""
+    out = tmp_path_factory.mktemp("demo") / "out"
+    arguments = ["demo", "--out", str(out), "--seconds", str(SECONDS), "--workers", "1"]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    for step in ("1 Simulate", "2 Validate  valid", "3 Measure", "4 Load windows", "5 Draw"):
+        assert step in done.stdout
+    assert str(out / "contact-sheet.png") in done.stdout
+    return out
+
+
+@pytest.fixture(scope="module")
+def dataset(played: Path) -> Dataset:
+    return cast("Dataset", exumi_data.open(played / "dataset"))
+
+
+def test_it_is_a_dataset_of_one_episode_a_grasp(dataset: Dataset) -> None:
+    grasps = make_session(DemoSettings().seed, SECONDS).grasps
+    assert len(dataset) == len(grasps) == 1
+    episode = dataset[0]
+    assert episode.metadata.regime == "play"
+    assert episode.metadata.source.type == "simulated"
+    assert set(episode.streams) == {"tactile_left", "tactile_right", "rgb", "pose", "width"}
+    assert episode.metadata.source.lossy is not None
+    assert len(episode.metadata.source.lossy) == 3
+
+
+def test_times_can_be_computed_again(dataset: Dataset) -> None:
+    for stream in dataset[0].streams.values():
+        clock = stream.metadata.clock
+        raw = stream.time_host
+        assert raw is not None
+        assert clock.latency_ns > 0
+        again = apply_clock(
+            raw,
+            t_ref=clock.t_ref_ns,
+            drift_ppm=clock.drift_ppm,
+            offset_ns=clock.offset_ns,
+            latency_ns=clock.latency_ns,
+        )
+        np.testing.assert_array_equal(again, stream.time)
+
+
+def test_what_is_stored_is_the_truth(dataset: Dataset) -> None:
+    session = make_session(DemoSettings().seed, SECONDS)
+    grasp = session.grasps[0]
+    episode = dataset[0]
+    true_s = grasp.t_start_s + episode["pose"].time * 1e-9
+    error = episode["pose"].data[:, :3] - session.truth.pose(true_s)[:, :3]
+    assert np.abs(error).max() < 1e-3  # the tracker's noise has a sigma of 0.15 mm
+    width_s = grasp.t_start_s + episode["width"].time * 1e-9
+    raw = episode["width"].raw
+    assert raw is not None
+    np.testing.assert_array_equal(episode["width"].data, session.encoder.width_m(raw))
+    assert np.abs(episode["width"].data - session.truth.width_m(width_s)).max() < 5e-4
+
+
+def test_frames_are_active_when_the_gel_is_touched(dataset: Dataset) -> None:
+    session = make_session(DemoSettings().seed, SECONDS)
+    grasp = session.grasps[0]
+    for finger in ("left", "right"):
+        stream = dataset[0][f"tactile_{finger}"]
+        activity = stream.activity
+        assert activity is not None
+        depth = session.truth.contact_depth_m(finger, grasp.t_start_s + stream.time * 1e-9)
+        assert (activity[depth > 2e-4] > 1e-3).all()
+        assert (activity[depth == 0] < 1e-3).all()
+
+
+def test_the_picture_is_one_and_has_colours(played: Path) -> None:
+    picture = cv2.imread(str(played / "contact-sheet.png"))
+    assert picture is not None
+    assert picture.shape[1] == 2000
+    assert picture.shape[0] > 1500
+    saturation = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)[..., 1]
+    assert (saturation > 60).mean() > 0.2
+
+
+def test_the_same_settings_give_the_same_dataset(dataset: Dataset, tmp_path: Path) -> None:
+    settings = DemoSettings(seconds=SECONDS)
+    again = write_play_dataset(tmp_path / "again", settings, workers=1)
+    assert again.fingerprint == dataset.fingerprint
+    other = write_play_dataset(tmp_path / "again", DemoSettings(seed=8, seconds=SECONDS))
+    assert len(other) == 1  # the earlier demonstration was replaced
+    assert other.ids != again.ids
+
+
+def test_without_torch_it_says_what_to_install(played: Path) -> None:
+    arguments = ["demo", "--out", str(played), "--seconds", str(SECONDS), "--workers", "1"]
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_TORCH, *arguments],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'pip install "exumi-data[train]"\n' in done.stdout
+    assert "5 Draw" in done.stdout
+
+
+def test_stroke_letters_where_there_is_no_typeface(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(cv2, "FontFace", raising=False)
+    canvas = Canvas(400, 60, (0, 0, 0))
+    width = canvas.text((10, 40), "step −4 · 30 Hz", size=28, color=(255, 255, 255))
+    assert 100 < width < 390
+    assert canvas.pixels.any()
+    assert not canvas.pixels[:, round(10 + width) + 4 :].any()

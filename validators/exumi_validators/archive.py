@@ -1,0 +1,102 @@
+"""The directory of a packed episode, read without trusting it."""
+
+import os
+import stat
+import struct
+import zipfile
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["ArchiveContext", "Member", "read_archive"]
+
+_LOCAL_HEADER = struct.Struct("<4s5H3I2H")
+_LOCAL_SIGNATURE = b"PK\x03\x04"
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """One entry of the directory, with what its local header says.
+
+    Attributes
+    ----------
+    info : zipfile.ZipInfo
+    name : str
+        As it is stored.
+    local : str or None
+        What is wrong with the local header.
+    end : int
+        Where the member's bytes end in the file.
+    """
+
+    info: zipfile.ZipInfo
+    name: str
+    local: str | None
+    end: int
+
+    @property
+    def is_link(self) -> bool:
+        """Whether it is a symbolic link."""
+        return stat.S_ISLNK(self.info.external_attr >> 16)
+
+
+@dataclass(frozen=True, slots=True)
+class ArchiveContext:
+    """A packed episode as the checks of packing see it.
+
+    Attributes
+    ----------
+    mistake : str or None
+        Why the directory cannot be read.
+    members : tuple of Member
+        In the order of the directory.
+    """
+
+    mistake: str | None
+    members: tuple[Member, ...] = ()
+
+
+def read_archive(path: str | os.PathLike[str]) -> ArchiveContext:
+    """Read the directory and all local headers.
+
+    Parameters
+    ----------
+    path : path-like
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            infos = archive.infolist()
+    except (zipfile.BadZipFile, ValueError, OverflowError, NotImplementedError) as error:
+        return ArchiveContext(f"not a readable zip: {error}")
+    with Path(path).open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        return ArchiveContext(None, tuple(_member(file.fileno(), info, size) for info in infos))
+
+
+def _member(descriptor: int, info: zipfile.ZipInfo, size: int) -> Member:
+    name = info.orig_filename
+    start = info.header_offset
+    raw = os.pread(descriptor, _LOCAL_HEADER.size, start) if start >= 0 else b""
+    if len(raw) < _LOCAL_HEADER.size:
+        return Member(info, name, "there is no local header where the directory says", start)
+    fields = _LOCAL_HEADER.unpack(raw)
+    name_length, extra_length = fields[9], fields[10]
+    local_name = os.pread(descriptor, name_length, start + _LOCAL_HEADER.size)
+    end = start + _LOCAL_HEADER.size + name_length + extra_length + info.compress_size
+    mistake = None
+    if fields[0] != _LOCAL_SIGNATURE:
+        mistake = "there is no local header where the directory says"
+    elif local_name not in _encodings(name):
+        mistake = "the local header has another name"
+    elif fields[8] not in (info.file_size, 0xFFFFFFFF):
+        mistake = "the local header has another size"
+    elif end > size:
+        mistake = "it lies beyond the end of the file"
+    return Member(info, name, mistake, end)
+
+
+def _encodings(name: str) -> set[bytes]:
+    found = {name.encode("utf-8", "surrogateescape")}
+    with suppress(UnicodeEncodeError):
+        found.add(name.encode("cp437"))
+    return found

@@ -1,0 +1,421 @@
+"""An episode as the checks see it: everything that can be understood, read once, bounded."""
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Iterator
+from functools import cache, cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from exumi_data.errors import DamagedDataError, ExumiError, LimitError
+from exumi_data.model.base import Model
+from exumi_data.model.description import CalibrationItem
+from exumi_data.model.documents import KNOWN_FEATURES
+from exumi_data.model.episode import (
+    EPISODE_FORMAT,
+    FORMAT_VERSION,
+    DerivedItem,
+    EpisodeMetadata,
+)
+from exumi_data.model.streams import ExtensionStream, Stream, StreamModel
+from exumi_data.standard import ArraySpec, common_arrays, derived_arrays, encodings, kinds
+from exumi_data.store.access import FolderStore, ZipStore
+from exumi_data.store.shards import ArrayReader
+from exumi_data.store.zarr_document import ArrayDocument, ForeignLayoutError, parse_array
+from exumi_validators.expected_shapes import fits
+from exumi_validators.json_documents import LoadedDocument, load_document
+from exumi_validators.listing import Listing
+from exumi_validators.model_problems import parse_leniently
+from exumi_validators.nodes import ArrayNode, array_problems, parse_array_node
+from exumi_validators.report import Problem
+from exumi_validators.shards import judge_shards
+
+__all__ = ["CALIBRATION_PATH", "EXUMI", "ROOT", "EpisodeContext", "newer_minor"]
+
+ROOT = "zarr.json"
+EXUMI = ("attributes", "exumi")
+CALIBRATION_PATH = re.compile(r"calibration(/[a-z][a-z0-9_]*)+")
+"""Paths of arrays that are too big for JSON."""
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
+_DERIVED_KEY = re.compile(r"[a-z][a-z0-9_]*/[a-z][a-z0-9_]*")
+_MAX_NODE_BYTES = 1 << 20
+_BLOCK_BYTES = 4 << 20
+_MAX_BLOCK_BYTES = 64 << 20
+_STREAM: TypeAdapter[Any] = TypeAdapter(Stream)
+_DERIVED_ITEM: TypeAdapter[Any] = TypeAdapter(DerivedItem)
+
+
+M = TypeVar("M", bound=Model)
+Pointer = tuple[int | str, ...]
+
+
+@cache
+def _adapter(section: str) -> TypeAdapter[Any]:
+    annotation: Any = EpisodeMetadata.model_fields[section].annotation
+    return TypeAdapter(annotation)
+
+
+@cache
+def _adapter_of(model: type[Model]) -> TypeAdapter[Any]:
+    return TypeAdapter(model)
+
+
+def newer_minor(version: object) -> bool | None:
+    """Whether a version is a newer minor one than this library's; None when it is not readable.
+
+    Parameters
+    ----------
+    version : object
+        ``major.minor``, as it stands in a document.
+    """
+    parts = version.split(".") if isinstance(version, str) else []
+    if len(parts) != 2 or not all(p.isascii() and p.isdigit() and len(p) < 10 for p in parts):
+        return None
+    major, minor = (int(part) for part in parts)
+    known_major, known_minor = (int(part) for part in FORMAT_VERSION.split("."))
+    return minor > known_minor if major == known_major else None
+
+
+class EpisodeContext:
+    """One episode under validation.
+
+    Parameters
+    ----------
+    store : FolderStore or ZipStore
+    listing : Listing
+        Its files.
+
+    Attributes
+    ----------
+    frames : int
+        Frames that were decoded so far.
+    unreadable : dict
+        Arrays that turned out to be unreadable, with the reason.
+    scanned : set
+        Arrays that were read to their end.
+    """
+
+    def __init__(self, store: FolderStore | ZipStore, listing: Listing) -> None:
+        self.store = store
+        self.listing = listing
+        self.frames = 0
+        self.unreadable: dict[str, str] = {}
+        self.scanned: set[str] = set()
+        self._nodes: dict[str, LoadedDocument | None] = {}
+        self._readers: dict[str, ArrayReader | None] = {}
+        self._shards: dict[str, tuple[Problem, ...]] = {}
+
+    # ------------------------------------------------------------------------------- documents
+
+    def load(self, path: str, limit: int | None = None) -> LoadedDocument | None:
+        """Parse one of the episode's JSON files; None when it is not there.
+
+        Parameters
+        ----------
+        path : str
+        limit : int, optional
+            Most bytes.
+        """
+        if path not in self._nodes:
+            self._nodes[path] = self._load(path, limit)
+        return self._nodes[path]
+
+    def _load(self, path: str, limit: int | None) -> LoadedDocument | None:
+        size = self.listing.files.get(path)
+        if size is None:
+            return None
+        if limit is not None and size > limit:
+            return LoadedDocument(path, mistake=f"the document has more than {limit:,} bytes")
+        try:
+            return load_document(self.store.read(path), path)
+        except (ExumiError, OSError) as error:
+            return LoadedDocument(path, mistake=f"cannot be read: {error}")
+
+    @cached_property
+    def root(self) -> LoadedDocument | None:
+        """The root ``zarr.json``."""
+        return self.load(ROOT)
+
+    @cached_property
+    def document(self) -> dict[str, Any] | None:
+        """The attribute ``exumi`` of the root, when it is an object."""
+        return _exumi(self.root)
+
+    @cached_property
+    def judgeable(self) -> bool:
+        """Whether the rest can be judged: the format, its version and its features are known."""
+        document = self.document
+        if document is None or document.get("format") != EPISODE_FORMAT:
+            return False
+        requires = document.get("requires", [])
+        features = {str(f) for f in requires} if isinstance(requires, list) else set()
+        return newer_minor(document.get("version")) is not None and features <= KNOWN_FEATURES
+
+    @cached_property
+    def newer(self) -> bool:
+        """Whether the episode is of a newer minor version."""
+        return bool(self.document and newer_minor(self.document.get("version")))
+
+    def section(self, name: str) -> Any:
+        """Return a part of the metadata as its model, whatever is wrong elsewhere.
+
+        Parameters
+        ----------
+        name : str
+            Field of `EpisodeMetadata`.
+
+        Returns
+        -------
+        object
+            None when it is absent or not valid itself.
+        """
+        value = (self.document or {}).get(name)
+        return None if value is None else parse_leniently(_adapter(name), value)
+
+    def parts(self, model: type[M], *keys: str) -> Iterator[tuple[Pointer, M]]:
+        """Go through a list or map of the metadata; entries that are not valid are passed over.
+
+        Parameters
+        ----------
+        model : type
+            Model of an entry.
+        *keys : str
+            Where the list or map is in the document.
+
+        Yields
+        ------
+        pointer : tuple
+            Of the entry, from the root of the file.
+        part : model
+        """
+        value: Any = self.document
+        for key in keys:
+            value = value.get(key) if isinstance(value, dict) else None
+        entries: Iterable[tuple[int | str, Any]] = ()
+        if isinstance(value, dict):
+            entries = value.items()
+        elif isinstance(value, list):
+            entries = enumerate(value)
+        for key_or_index, entry in entries:
+            part = parse_leniently(_adapter_of(model), entry)
+            if part is not None:
+                yield (*EXUMI, *keys, key_or_index), part
+
+    @cached_property
+    def streams(self) -> dict[str, StreamModel]:
+        """The streams whose own metadata is valid."""
+        streams = (self.document or {}).get("streams", {})
+        if not isinstance(streams, dict):
+            return {}
+        parsed = {name: parse_leniently(_STREAM, value) for name, value in streams.items()}
+        return {name: model for name, model in parsed.items() if model and _NAME.fullmatch(name)}
+
+    @cached_property
+    def stream_names(self) -> frozenset[str]:
+        """The names of all streams, valid or not."""
+        streams = (self.document or {}).get("streams", {})
+        return frozenset(streams) if isinstance(streams, dict) else frozenset()
+
+    @cached_property
+    def derived_document(self) -> dict[str, Any] | None:
+        """The attribute ``exumi`` of the group ``derived``."""
+        return _exumi(self.load("derived/zarr.json"))
+
+    @cached_property
+    def derived(self) -> dict[str, DerivedItem]:
+        """The derived arrays whose description is valid, by ``<stream>/<name>``."""
+        items = (self.derived_document or {}).get("items", {})
+        if not isinstance(items, dict):
+            return {}
+        parsed = {key: parse_leniently(_DERIVED_ITEM, value) for key, value in items.items()}
+        return {key: i for key, i in parsed.items() if i and _DERIVED_KEY.fullmatch(key)}
+
+    # ---------------------------------------------------------------------------------- arrays
+
+    def specs(self, stream: StreamModel) -> dict[str, ArraySpec]:
+        """Return the arrays that the registry gives a stream, by name.
+
+        Parameters
+        ----------
+        stream : StreamModel
+        """
+        found = dict(common_arrays())
+        kind = kinds().get(stream.kind)
+        if kind is not None:
+            found |= kind.arrays
+        images = getattr(stream, "images", None)
+        if images is not None:
+            found |= encodings()[images.encoding].arrays
+        return found
+
+    @cached_property
+    def expected_arrays(self) -> dict[str, ArraySpec | None]:
+        """Paths of all arrays that the metadata names, with what the registry says of them."""
+        found: dict[str, ArraySpec | None] = {}
+        for name, stream in self.streams.items():
+            specs = self.specs(stream)
+            for array in stream.arrays:
+                found[f"streams/{name}/{array}"] = specs.get(array)
+        for key in self.derived:
+            found[f"derived/{key}"] = derived_arrays().get(key.partition("/")[2])
+        for _, item in self.parts(CalibrationItem, "calibration"):
+            if item.array is not None and CALIBRATION_PATH.fullmatch(item.array):
+                found[item.array] = None
+        return found
+
+    def stream_of(self, path: str) -> StreamModel | None:
+        """Return the stream that an array belongs to; None for arrays outside ``streams``.
+
+        Parameters
+        ----------
+        path : str
+        """
+        return self.streams.get(path.split("/")[1]) if path.startswith("streams/") else None
+
+    def array_document(self, path: str) -> LoadedDocument | None:
+        """Return the document of an array or group; None when it is not there.
+
+        Parameters
+        ----------
+        path : str
+            Of the node.
+        """
+        return self.load(f"{path}/zarr.json", _MAX_NODE_BYTES)
+
+    @cached_property
+    def array_nodes(self) -> dict[str, ArrayNode]:
+        """The arrays that the metadata names and whose documents can be understood."""
+        found = {}
+        for path in self.expected_arrays:
+            loaded = self.array_document(path)
+            if loaded is None or loaded.value is None:
+                continue
+            if loaded.value.get("node_type") == "array" and loaded.value.get("zarr_format") == 3:
+                node = parse_array_node(loaded.value, path)
+                if node is not None:
+                    found[path] = node
+        return found
+
+    def shard_problems(self, path: str) -> tuple[Problem, ...]:
+        """Return what is wrong with the shards of an array; nothing where its layout is at fault.
+
+        Parameters
+        ----------
+        path : str
+        """
+        if path not in self._shards:
+            document = self._layout(path)
+            found = () if document is None else judge_shards(self, path, document)
+            self._shards[path] = tuple(found)
+        return self._shards[path]
+
+    def _layout(self, path: str) -> ArrayDocument | None:
+        """Return the layout of an array that follows the rules for it."""
+        node = self.array_nodes.get(path)
+        if node is None or any(array_problems(node)):
+            return None
+        spec = self.expected_arrays[path]
+        if spec is not None and (
+            node.dtype not in spec.dtype or not fits(node.shape, spec, self.stream_of(path))
+        ):
+            return None
+        try:
+            return parse_array(json.dumps(node.document).encode(), path)
+        except (ForeignLayoutError, DamagedDataError, LimitError) as error:
+            self.unreadable[path] = f"the document cannot be understood: {error}"
+            return None
+
+    def reader(self, path: str) -> ArrayReader | None:
+        """Return a reader of an array; None when its document or its shards are at fault.
+
+        An array that can be read has the data type and the shape of the registry.
+
+        Parameters
+        ----------
+        path : str
+        """
+        if path not in self._readers:
+            document = self._layout(path)
+            if document is None or self.shard_problems(path):
+                self._readers[path] = None
+            else:
+                self._readers[path] = ArrayReader(self.store, path, document)
+        return self._readers[path]
+
+    def count(self, stream: str) -> int | None:
+        """Return the number of samples of a stream: the length of its `time`, when that is whole.
+
+        Parameters
+        ----------
+        stream : str
+        """
+        reader = self.reader(f"streams/{stream}/time")
+        return None if reader is None else int(reader.shape[0])
+
+    def blocks(self, *paths: str) -> Iterator[tuple[int, tuple[np.ndarray, ...]]]:
+        """Read arrays of equal length side by side, a few MiB at a time.
+
+        Nothing is read when one of them is missing or at fault, or the lengths differ: other
+        rules say so. Where an array cannot be read further, that is noted and reading ends.
+
+        Parameters
+        ----------
+        *paths : str
+
+        Yields
+        ------
+        start : int
+        rows : tuple of ndarray
+            One block of each array.
+        """
+        readers = [self.reader(path) for path in paths]
+        whole = [reader for reader in readers if reader is not None]
+        if len(whole) < len(paths) or len({reader.shape[0] for reader in whole}) != 1:
+            return
+        step = min(max(_rows(r) for r in whole), *(_most_rows(r) for r in whole))
+        for start in range(0, whole[0].shape[0], step):
+            stop = min(start + step, whole[0].shape[0])
+            rows = []
+            for reader in whole:
+                try:
+                    rows.append(reader.rows(start, stop))
+                except (ExumiError, OSError) as error:
+                    self.unreadable[reader.path] = str(getattr(error, "what", error))
+                    return
+            yield start, tuple(rows)
+        self.scanned.update(paths)
+
+    def root_sha256(self) -> str | None:
+        """Return the digest of the root document."""
+        if ROOT not in self.listing.files:
+            return None
+        return hashlib.sha256(self.store.read(ROOT)).hexdigest()
+
+    def is_extension(self, stream: StreamModel) -> bool:
+        """Whether a stream is of a third party's kind.
+
+        Parameters
+        ----------
+        stream : StreamModel
+        """
+        return isinstance(stream, ExtensionStream)
+
+
+def _rows(reader: ArrayReader) -> int:
+    """Rows to read at once: a few MiB, and whole chunks, so that none is decoded twice."""
+    document = reader.document
+    row_bytes = max(1, document.row_bytes)
+    return max(_BLOCK_BYTES // row_bytes, document.chunk_rows if document.zstd else 1, 1)
+
+
+def _most_rows(reader: ArrayReader) -> int:
+    return max(1, _MAX_BLOCK_BYTES // max(1, reader.document.row_bytes))
+
+
+def _exumi(loaded: LoadedDocument | None) -> dict[str, Any] | None:
+    attributes = loaded.value.get("attributes") if loaded and loaded.value else None
+    document = attributes.get("exumi") if isinstance(attributes, dict) else None
+    return document if isinstance(document, dict) else None

@@ -1,0 +1,176 @@
+"""A dataset as the checks see it: its documents, its catalog, and the facts of its episodes."""
+
+import os
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter
+
+from exumi_data.catalog import CATALOG_NAME, EPISODES_FOLDER, list_episodes
+from exumi_data.dataset import DATASET_DOCUMENT
+from exumi_data.model.base import Model
+from exumi_data.model.dataset import DATASET_FORMAT, DatasetMetadata, SplitDocument
+from exumi_validators.context import newer_minor
+from exumi_validators.episode_run import EpisodeFacts
+from exumi_validators.json_documents import LoadedDocument, load_document
+from exumi_validators.model_problems import parse_leniently
+
+__all__ = ["CatalogRows", "DatasetContext"]
+
+M = TypeVar("M", bound=Model)
+
+CatalogRows = list[dict[str, Any]]
+_COMPARED = ("id", "path", "revision", "root_sha256", "digest", "object_id", "part_id")
+
+
+class DatasetContext:
+    """One dataset under validation.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+
+    Attributes
+    ----------
+    facts : dict
+        Path of each episode to what is known of it; filled in once the episodes were validated.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.facts: dict[str, EpisodeFacts] = {}
+
+    @cached_property
+    def episodes(self) -> list[str]:
+        """Paths of all finished episodes."""
+        return list_episodes(self.root)
+
+    @cached_property
+    def loaded(self) -> LoadedDocument | None:
+        """``dataset.json``; None when it is not there."""
+        return self._load(DATASET_DOCUMENT)
+
+    def _load(self, path: str) -> LoadedDocument | None:
+        file = self.root / path
+        if not file.is_file():
+            return None
+        try:
+            return load_document(file.read_bytes(), path)
+        except OSError as error:
+            return LoadedDocument(path, mistake=f"cannot be read: {error}")
+
+    @property
+    def document(self) -> dict[str, Any] | None:
+        """The object in ``dataset.json``."""
+        return self.loaded.value if self.loaded else None
+
+    @cached_property
+    def judgeable(self) -> bool:
+        """Whether the dataset is of a version that is known, as far as it says."""
+        document = self.document
+        if document is None or document.get("format") != DATASET_FORMAT:
+            return True
+        version = document.get("version")
+        major = version.partition(".")[0] if isinstance(version, str) else ""
+        return newer_minor(version) is not None or not major.isdigit()
+
+    @cached_property
+    def metadata(self) -> DatasetMetadata | None:
+        """The metadata, when it is valid."""
+        return self._parse(DatasetMetadata, self.document)
+
+    @staticmethod
+    def _parse(model: type[M], document: dict[str, Any] | None) -> M | None:
+        if document is None or newer_minor(document.get("version")) is None:
+            return None
+        parsed: M | None = parse_leniently(TypeAdapter(model), document)
+        return parsed
+
+    @cached_property
+    def listed_splits(self) -> list[str]:
+        """The names in ``dataset.json``, whatever is wrong elsewhere in it."""
+        names = (self.document or {}).get("splits")
+        return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+
+    @cached_property
+    def split_files(self) -> dict[str, LoadedDocument]:
+        """The documents in ``splits``, by name."""
+        folder = self.root / "splits"
+        if not folder.is_dir():
+            return {}
+        names = sorted(p.name.removesuffix(".json") for p in folder.glob("*.json"))
+        loaded = {name: self._load(f"splits/{name}.json") for name in names}
+        return {name: document for name, document in loaded.items() if document is not None}
+
+    @cached_property
+    def splits(self) -> dict[str, SplitDocument]:
+        """The splits whose document is valid, by the name of their file."""
+        parsed = {
+            name: self._parse(SplitDocument, loaded.value)
+            for name, loaded in self.split_files.items()
+        }
+        return {name: split for name, split in parsed.items() if split is not None}
+
+    @cached_property
+    def by_id(self) -> dict[str, EpisodeFacts]:
+        """Facts of the episodes by id."""
+        return {facts.id: facts for facts in self.facts.values() if facts.id}
+
+    @cached_property
+    def oddities(self) -> list[tuple[str, str]]:
+        """What lies among the episodes and is none: (path, ``partial | replaced | foreign``)."""
+        base = self.root / EPISODES_FOLDER
+        found = []
+        folders = sorted(base.iterdir()) if base.is_dir() else []
+        for folder in folders:
+            entries = [folder]
+            if folder.is_dir() and not folder.is_symlink() and not folder.name.startswith("."):
+                entries = sorted(folder.iterdir())
+            for entry in entries:
+                path = entry.relative_to(self.root).as_posix()
+                kind = _kind(entry.name)
+                if kind and path not in self.episodes:
+                    found.append((path, kind))
+        return found
+
+    @cached_property
+    def catalog(self) -> CatalogRows | str:
+        """The catalog's rows, or why it cannot be used."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        path = self.root / CATALOG_NAME
+        if not path.is_file():
+            return "catalog.parquet is missing"
+        try:
+            with pq.ParquetFile(path) as file:
+                lacking = sorted(set(_COMPARED) - set(file.schema_arrow.names))
+                if lacking:
+                    return f"catalog.parquet lacks the columns {', '.join(lacking)}"
+                rows = file.metadata.num_rows
+                # Read only what could be a catalog of these episodes: a file can claim anything.
+                if rows > 1000 + 4 * len(self.episodes):
+                    return f"catalog.parquet lists {rows} episodes; there are {len(self.episodes)}"
+                table: list[dict[str, Any]] = file.read(columns=list(_COMPARED)).to_pylist()
+                return table
+        except (pa.ArrowException, OSError, ValueError) as error:
+            return f"catalog.parquet cannot be read: {str(error).splitlines()[0]}"
+
+
+def _kind(name: str) -> str | None:
+    if name.startswith(".partial-"):
+        return "partial"
+    if name.startswith(".replaced-"):
+        return "replaced"
+    return None if name.startswith(".") else "foreign"
+
+
+def episode_is_packed(path: str | os.PathLike[str]) -> bool:
+    """Whether an episode's path is that of a packed one.
+
+    Parameters
+    ----------
+    path : path-like
+    """
+    return os.fspath(path).endswith(".zip")

@@ -1,0 +1,127 @@
+"""Making problems out of rules, and collecting them without end."""
+
+import json
+from collections import Counter
+from typing import Any
+
+from exumi_data.standard import rules
+from exumi_validators.report import Location, Problem
+
+__all__ = ["Collector", "json_pointer", "problem", "show"]
+
+_SHOWN = 200
+_LISTED_PER_RULE = 100
+
+
+def show(value: object) -> str:
+    """Write a value for a message: as JSON where it is, and cut to a readable length.
+
+    Parameters
+    ----------
+    value : object
+        Anything, also from a hostile file: what is not printable is escaped.
+    """
+    if isinstance(value, str):
+        text = value if value and value.isprintable() else ascii(value)
+    else:
+        try:
+            text = json.dumps(value)
+        except (TypeError, ValueError, RecursionError):
+            text = ascii(value) if isinstance(value, int | float) else type(value).__name__
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
+
+
+def json_pointer(parts: tuple[int | str, ...]) -> str:
+    """Write a place in a JSON document as RFC 6901 has it.
+
+    Parameters
+    ----------
+    parts : tuple
+        Keys and indices, from the root.
+    """
+    escaped = (str(part).replace("~", "~0").replace("/", "~1") for part in parts)
+    return "".join(f"/{part}" for part in escaped)
+
+
+def problem(
+    code: str,
+    path: str,
+    *,
+    pointer: tuple[int | str, ...] | None = None,
+    index: int | None = None,
+    expected: object = None,
+    found: object = None,
+    **words: Any,
+) -> Problem:
+    """Make the problem that a broken rule is.
+
+    Parameters
+    ----------
+    code : str
+        Id of the rule, from which severity, message and suggestion come.
+    path : str
+        File, array or group, relative to the episode or dataset.
+    pointer : tuple, optional
+        Place in the document at `path`.
+    index : int, optional
+        Place in the array at `path`.
+    expected, found : object
+        Written with `show`.
+    **words
+        Further words of the rule's message.
+
+    Returns
+    -------
+    Problem
+    """
+    rule = rules()[code]
+    shown = {
+        key: None if value is None else show(value)
+        for key, value in {"expected": expected, "found": found, **words}.items()
+    }
+    return Problem(
+        code=code,
+        severity=rule.severity,
+        level=rule.level,
+        location=Location(
+            path=path, pointer=None if pointer is None else json_pointer(pointer), index=index
+        ),
+        message=rule.message.format(path=show(path), index=index, **shown),
+        expected=shown["expected"],
+        found=shown["found"],
+        suggestion=rule.suggestion,
+        rule=f"{rule.since}/{rule.anchor}",
+    )
+
+
+class Collector:
+    """Collects problems; beyond a hundred of one rule they are only counted.
+
+    A file with a million mistakes must not make a report that fills the memory.
+    """
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[str, Location], Problem] = {}
+        self._per_rule: Counter[str] = Counter()
+        self.not_listed: Counter[str] = Counter()
+
+    def add(self, found: Problem) -> None:
+        """Add a problem, once for each place.
+
+        Parameters
+        ----------
+        found : Problem
+        """
+        key = (found.code, found.location)
+        if key in self._found:
+            return
+        if self._per_rule[found.code] >= _LISTED_PER_RULE:
+            self.not_listed[found.code] += 1
+            return
+        self._per_rule[found.code] += 1
+        self._found[key] = found
+
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """All listed problems, in order of place and code."""
+        return tuple(sorted(self._found.values(), key=lambda p: (*p.location.sort_key(), p.code)))

@@ -1,0 +1,102 @@
+"""JSON documents as a validator reads them: strictly, and without stopping at the first mistake."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = ["MAX_DOCUMENT_BYTES", "LoadedDocument", "load_document"]
+
+MAX_DOCUMENT_BYTES = 64 << 20
+
+Pointer = tuple[int | str, ...]
+
+
+class _Object(dict[str, Any]):
+    """A JSON object that remembers which of its keys stood twice."""
+
+    twice: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedDocument:
+    """A document, or why there is none.
+
+    Attributes
+    ----------
+    path : str
+        Relative to the episode or dataset.
+    value : dict or None
+        The object.
+    mistake : str or None
+        Why it could not be parsed.
+    duplicates : tuple of tuple
+        Pointers of the keys that stand twice.
+    """
+
+    path: str
+    value: dict[str, Any] | None = None
+    mistake: str | None = None
+    duplicates: tuple[Pointer, ...] = ()
+
+
+def load_document(raw: bytes, path: str) -> LoadedDocument:
+    """Parse a JSON object; what is wrong is returned, never raised.
+
+    Parameters
+    ----------
+    raw : bytes
+    path : str
+        Where it is, for messages.
+    """
+    if len(raw) > MAX_DOCUMENT_BYTES:
+        return LoadedDocument(path, mistake="the document is larger than 64 MiB")
+    try:
+        text = raw.decode("utf-8")
+        value = json.loads(text, object_pairs_hook=_object, parse_constant=_no_constant)
+        # A lone surrogate is valid as an escape, and no text.
+        json.dumps(value, ensure_ascii=False).encode("utf-8")
+    except (RecursionError, ValueError) as error:
+        return LoadedDocument(path, mistake=_mistake(error))
+    if not isinstance(value, dict):
+        return LoadedDocument(path, mistake="expected a JSON object")
+    return LoadedDocument(path, value, duplicates=tuple(_duplicates(value, ())))
+
+
+def _mistake(error: Exception) -> str:
+    if isinstance(error, RecursionError):
+        return "the JSON is nested too deeply"
+    if isinstance(error, UnicodeDecodeError):
+        return f"not UTF-8: byte {error.start} ({error.reason})"
+    if isinstance(error, UnicodeEncodeError):
+        return "a string holds half a surrogate pair"
+    return f"not valid JSON: {error}"
+
+
+def _no_constant(name: str) -> Any:
+    msg = f"{name} is no JSON number"
+    raise ValueError(msg)
+
+
+def _object(pairs: list[tuple[str, Any]]) -> _Object:
+    found = _Object(pairs)
+    if len(found) < len(pairs):
+        seen: set[str] = set()
+        twice = []
+        for key, _ in pairs:
+            if key in seen:
+                twice.append(key)
+            seen.add(key)
+        found.twice = tuple(twice)
+    return found
+
+
+def _duplicates(value: object, pointer: Pointer) -> Iterator[Pointer]:
+    if isinstance(value, _Object):
+        for key in value.twice:
+            yield (*pointer, key)
+        for key, item in value.items():
+            yield from _duplicates(item, (*pointer, key))
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield from _duplicates(item, (*pointer, index))

@@ -1,0 +1,204 @@
+"""The ``zarr.json`` of groups and arrays, judged without stopping at the first mistake."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from exumi_data.store.zarr_document import DTYPES, MAX_SHARD_BYTES
+from exumi_validators.findings import problem
+from exumi_validators.report import Problem
+
+__all__ = ["MAX_CHUNKS", "MAX_CHUNKS_PER_SHARD", "ArrayNode", "array_problems", "parse_array_node"]
+
+MAX_CHUNKS = 1 << 26
+MAX_CHUNKS_PER_SHARD = 1 << 20
+_MAX_RANK = 16
+_MAX_SIZE = 1 << 62
+_ITEM_BYTES = {"bool": 1} | {name: int(name.lstrip("uintfloa")) // 8 for name in DTYPES - {"bool"}}
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayNode:
+    """What could be understood of an array's document; None where it could not.
+
+    Attributes
+    ----------
+    path : str
+        Of the array.
+    document : dict
+    shape : tuple of int
+    dtype : str or None
+        Its Zarr name, when it is a core type.
+    shard : tuple of int or None
+        Shape of a shard.
+    chunk : tuple of int or None
+        Shape of an inner chunk.
+    zstd : bool
+    """
+
+    path: str
+    document: dict[str, Any]
+    shape: tuple[int, ...]
+    dtype: str | None
+    shard: tuple[int, ...] | None
+    chunk: tuple[int, ...] | None
+    zstd: bool
+
+    @property
+    def file(self) -> str:
+        """Path of the document."""
+        return f"{self.path}/zarr.json"
+
+
+def _sizes(value: object) -> tuple[int, ...] | None:
+    if not isinstance(value, list) or len(value) > _MAX_RANK:
+        return None
+    for item in value:
+        if not isinstance(item, int) or isinstance(item, bool) or not 0 <= item < _MAX_SIZE:
+            return None
+    return tuple(value)
+
+
+def _configuration(value: object, name: str) -> dict[str, Any] | None:
+    """Return the configuration of a named extension point, None when it is another one."""
+    if not isinstance(value, dict) or value.get("name") != name:
+        return None
+    configuration = value.get("configuration", {})
+    return configuration if isinstance(configuration, dict) else None
+
+
+def parse_array_node(document: dict[str, Any], path: str) -> ArrayNode | None:
+    """Read what can be read of an array's document.
+
+    Parameters
+    ----------
+    document : dict
+    path : str
+        Of the array.
+
+    Returns
+    -------
+    ArrayNode or None
+        None without a shape: then there is nothing to judge.
+    """
+    shape = _sizes(document.get("shape"))
+    if not shape:
+        return None
+    data_type = document.get("data_type")
+    dtype = data_type if isinstance(data_type, str) and data_type in DTYPES else None
+    grid = _configuration(document.get("chunk_grid"), "regular")
+    shard = None if grid is None else _sizes(grid.get("chunk_shape"))
+    sharding = _sharding(document.get("codecs"))
+    chunk = None if sharding is None else _sizes(sharding.get("chunk_shape"))
+    inner = [] if sharding is None else sharding.get("codecs")
+    zstd = isinstance(inner, list) and any(_configuration(c, "zstd") is not None for c in inner)
+    return ArrayNode(path, document, shape, dtype, shard, chunk, zstd)
+
+
+def _sharding(codecs: object) -> dict[str, Any] | None:
+    if not isinstance(codecs, list) or len(codecs) != 1:
+        return None
+    return _configuration(codecs[0], "sharding_indexed")
+
+
+def array_problems(node: ArrayNode) -> Iterator[Problem]:
+    """Judge an array's document: types, codecs, grid, sizes, keys.
+
+    Parameters
+    ----------
+    node : ArrayNode
+
+    Yields
+    ------
+    Problem
+        Of the rules ZARR-002, 003, 004, 008, 009 and 010.
+    """
+    document = node.document
+    if node.dtype is None:
+        yield problem(
+            "ZARR-002", node.file, pointer=("data_type",), found=document.get("data_type")
+        )
+    mistake = _codec_mistake(document.get("codecs"), node.dtype)
+    if document.get("storage_transformers"):
+        mistake = "there are storage transformers"
+    if mistake:
+        yield problem("ZARR-003", node.file, pointer=("codecs",), detail=mistake)
+    yield from _grid_problems(node)
+    expected = {"name": "default", "configuration": {"separator": "/"}}
+    keys = document.get("chunk_key_encoding")
+    default = _configuration(keys, "default")
+    if default is None or default.get("separator", "/") != "/":
+        pointer = ("chunk_key_encoding",)
+        yield problem("ZARR-009", node.file, pointer=pointer, found=keys, expected=expected)
+
+
+def _codec_mistake(codecs: object, dtype: str | None) -> str | None:
+    sharding = _sharding(codecs)
+    if sharding is None:
+        return "the only codec is not sharding_indexed"
+    if sharding.get("index_location", "end") != "end":
+        return "the shard index is not at the end"
+    index_codecs, inner = sharding.get("index_codecs"), sharding.get("codecs")
+    if _names(index_codecs) != ["bytes", "crc32c"] or not isinstance(index_codecs, list):
+        return "the codecs of the shard index are not bytes and crc32c"
+    if _names(inner) not in (["bytes"], ["bytes", "zstd"]) or not isinstance(inner, list):
+        return "the inner codecs are not bytes, or bytes and zstd"
+    one_byte = dtype is not None and _ITEM_BYTES[dtype] == 1
+    in_order = _is_little(inner[0], optional=one_byte) and _is_little(index_codecs[0])
+    checked = len(inner) == 1 or inner[1].get("configuration", {}).get("checksum") is True
+    if in_order and checked:
+        return None
+    return "zstd is without its checksum" if in_order else "a bytes codec is not little endian"
+
+
+def _names(codecs: object) -> list[object]:
+    if not isinstance(codecs, list):
+        return []
+    return [
+        codec.get("name")
+        if isinstance(codec, dict) and isinstance(codec.get("configuration", {}), dict)
+        else None
+        for codec in codecs
+    ]
+
+
+def _is_little(codec: dict[str, Any], *, optional: bool = False) -> bool:
+    endian = codec.get("configuration", {}).get("endian")
+    return endian == "little" or (optional and endian is None)
+
+
+def _grid_problems(node: ArrayNode) -> Iterator[Problem]:
+    shape, shard, chunk = node.shape, node.shard, node.chunk
+    pointer: tuple[str, ...] = ("chunk_grid",)
+    mistake = None
+    if shard is None:
+        mistake = "the chunk grid is not regular"
+    elif len(shard) != len(shape) or 0 in shard:
+        mistake = f"shards of shape {list(shard)} do not divide an array of shape {list(shape)}"
+    elif shard[1:] != shape[1:]:
+        mistake = f"shards of shape {list(shard)} divide more than the first axis"
+    elif chunk is not None:
+        pointer = ("codecs", "0", "configuration", "chunk_shape")
+        if len(chunk) != len(shape) or 0 in chunk or chunk[1:] != shard[1:]:
+            mistake = f"inner chunks of shape {list(chunk)} divide more than the first axis"
+        elif shard[0] % chunk[0]:
+            mistake = f"shards of {shard[0]} rows are no whole number of chunks of {chunk[0]}"
+    if mistake:
+        yield problem("ZARR-008", node.file, pointer=pointer, detail=mistake)
+        return
+    if shard is None or node.dtype is None:
+        return
+    shard_bytes = math.prod(shard) * _ITEM_BYTES[node.dtype]
+    if shard_bytes > MAX_SHARD_BYTES:
+        yield problem(
+            "ZARR-004", node.file, pointer=pointer, found=shard_bytes, expected=MAX_SHARD_BYTES
+        )
+    in_shard = shard[0] // (chunk or shard)[0]
+    if in_shard > MAX_CHUNKS_PER_SHARD:
+        yield problem(
+            "ZARR-010", node.file, pointer=pointer, found=in_shard, expected=MAX_CHUNKS_PER_SHARD
+        )
+    chunks = -(-shape[0] // (chunk or shard)[0])
+    if chunks > MAX_CHUNKS:
+        yield problem("ZARR-010", node.file, pointer=("shape",), found=chunks, expected=MAX_CHUNKS)

@@ -1,0 +1,112 @@
+"""Checks: functions that judge rules."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Generic, TypeVar
+
+from exumi_data.standard import Level, rules
+from exumi_validators.report import Problem
+
+__all__ = ["Check", "check", "checks_of"]
+
+Context = TypeVar("Context")
+
+
+@dataclass(frozen=True, slots=True)
+class Check(Generic[Context]):
+    """A function that judges one rule, or a few that belong together.
+
+    Attributes
+    ----------
+    rules : tuple of str
+        Ids of the rules it judges, all of one level.
+    level : {"document", "hierarchy", "arrays", "data"}
+    function : callable
+        Takes the context (an episode, an archive or a dataset), yields problems.
+    """
+
+    rules: tuple[str, ...]
+    level: Level
+    function: Callable[[Context], Iterator[Problem]]
+
+    @property
+    def name(self) -> str:
+        """The function's name, for messages."""
+        return self.function.__name__
+
+    def __call__(self, context: Context) -> Iterator[Problem]:
+        """Judge; yields only problems of the check's own rules."""
+        for found in self.function(context):
+            if found.code not in self.rules:
+                msg = f"the check {self.name} reports {found.code}, which it does not judge"
+                raise RuntimeError(msg)
+            yield found
+
+
+def check(
+    *codes: str,
+) -> Callable[[Callable[[Context], Iterator[Problem]]], Check[Context]]:
+    """Make a function a check of some rules.
+
+    Parameters
+    ----------
+    *codes : str
+        Ids of rules, all of one level.
+
+    Raises
+    ------
+    ValueError
+        An id is unknown, or the rules are of different levels.
+
+    Examples
+    --------
+    >>> @check("TIME-001")
+    ... def time_increases(episode: EpisodeContext) -> Iterator[Problem]:  # doctest: +SKIP
+    ...     ...
+    """
+    unknown = [code for code in codes if code not in rules()]
+    if unknown or not codes:
+        msg = f"unknown rules: {unknown}" if unknown else "a check judges at least one rule"
+        raise ValueError(msg)
+    levels = {rules()[code].level for code in codes}
+    if len(levels) > 1:
+        msg = f"rules of different levels in one check: {codes}"
+        raise ValueError(msg)
+    level = levels.pop()
+
+    def decorate(function: Callable[[Context], Iterator[Problem]]) -> Check[Context]:
+        return Check(codes, level, function)
+
+    return decorate
+
+
+def checks_of(modules: Iterable[ModuleType]) -> tuple[Check[Context], ...]:
+    """Collect the checks of some modules, in the order of their definition.
+
+    Parameters
+    ----------
+    modules : iterable of module
+
+    Returns
+    -------
+    tuple of Check
+
+    Raises
+    ------
+    ValueError
+        Two checks judge the same rule.
+    """
+    found: list[Check[Context]] = []
+    judged: dict[str, str] = {}
+    for module in modules:
+        for value in vars(module).values():
+            if not isinstance(value, Check) or value.function.__module__ != module.__name__:
+                continue
+            for code in value.rules:
+                if code in judged:
+                    msg = f"rule {code} is judged by {judged[code]} and by {value.name}"
+                    raise ValueError(msg)
+                judged[code] = value.name
+            found.append(value)
+    return tuple(found)

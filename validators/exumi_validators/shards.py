@@ -1,0 +1,120 @@
+"""The shards of one array: that they are there, and that their indices are sound."""
+
+import re
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+
+from exumi_data.errors import ExumiError
+from exumi_data.store.access import FolderStore, ZipStore
+from exumi_data.store.shards import crc32c
+from exumi_data.store.zarr_document import ArrayDocument
+from exumi_validators.findings import problem
+from exumi_validators.listing import Listing
+from exumi_validators.report import Problem
+
+__all__ = ["judge_shards"]
+
+_ABSENT = np.uint64(0xFFFFFFFFFFFFFFFF)
+_NUMBER = re.compile(r"(0|[1-9][0-9]{0,18})")
+
+
+class HasFiles(Protocol):
+    """What is needed of an episode."""
+
+    store: FolderStore | ZipStore
+    listing: Listing
+
+
+def judge_shards(episode: HasFiles, path: str, document: ArrayDocument) -> Iterator[Problem]:
+    """Judge all shards of an array. No chunk is read.
+
+    Parameters
+    ----------
+    episode : EpisodeContext
+    path : str
+        Of the array.
+    document : ArrayDocument
+        Its layout.
+
+    Yields
+    ------
+    Problem
+        Of the rules SHARD-001 to 004.
+    """
+    present = _present(episode.listing, path, document)
+    missing = document.shards - len(present)
+    if missing:
+        first = next(index for index in range(document.shards) if index not in present)
+        yield problem(
+            "SHARD-001",
+            path,
+            found=missing,
+            expected=document.shards,
+            detail=document.shard_path(first),
+        )
+    for shard in sorted(present):
+        yield from _judge_shard(episode, f"{path}/{document.shard_path(shard)}", document, shard)
+
+
+def _present(listing: Listing, path: str, document: ArrayDocument) -> set[int]:
+    """Numbers of the shards that are there: as many as there are files, however many are asked."""
+    found = set()
+    tail = "/0" * (len(document.shape) - 1)
+    for rest in listing.chunk_files.get(path, ()):
+        number = rest.removesuffix(tail) if rest.endswith(tail) else ""
+        if _NUMBER.fullmatch(number) and int(number) < document.shards:
+            found.add(int(number))
+    return found
+
+
+def _judge_shard(
+    episode: HasFiles, file: str, document: ArrayDocument, shard: int
+) -> Iterator[Problem]:
+    size = episode.listing.files[file]
+    length = document.chunks_per_shard * 16 + 4
+    if size < length:
+        detail = f"it has {size} bytes, its index alone has {length}"
+        yield problem("SHARD-002", file, detail=detail)
+        return
+    try:
+        raw = episode.store.read_range(file, size - length, length)
+    except (ExumiError, OSError) as error:
+        yield problem("SHARD-002", file, detail=f"it cannot be read: {error}")
+        return
+    if crc32c(raw[:-4]) != int.from_bytes(raw[-4:], "little"):
+        yield problem("SHARD-002", file, detail="its index has a wrong checksum")
+        return
+    rows = min(document.shard_rows, document.shape[0] - shard * document.shard_rows)
+    chunks = -(-rows // document.chunk_rows)
+    index = np.frombuffer(raw[:-4], dtype="<u8").reshape(-1, 2)[:chunks]
+    absent = (index == _ABSENT).any(axis=1)
+    if absent.any():
+        first = int(absent.argmax())
+        found = int(absent.sum())
+        yield problem("SHARD-003", file, index=first, found=found, expected=chunks)
+        return
+    body = np.uint64(size - length)
+    # Compared one by one: the sum of two hostile numbers could wrap.
+    outside = (index > body).any(axis=1) | (index.sum(axis=1) > body)
+    if outside.any():
+        detail = f"inner chunk {int(outside.argmax())} lies outside the shard"
+        yield problem("SHARD-002", file, detail=detail)
+    elif not document.zstd:
+        yield from _judge_order(file, index, document.chunk_bytes)
+
+
+def _judge_order(file: str, index: np.ndarray, chunk_bytes: int) -> Iterator[Problem]:
+    lengths = index[:, 1] != chunk_bytes
+    if lengths.any():
+        first = int(lengths.argmax())
+        detail = f"inner chunk {first} has {int(index[first, 1])} bytes, expected {chunk_bytes}"
+        yield problem("SHARD-002", file, detail=detail)
+        return
+    starts = np.arange(len(index), dtype=np.uint64) * np.uint64(chunk_bytes)
+    moved = index[:, 0] != starts
+    if moved.any():
+        first = int(moved.argmax())
+        expected, found = int(starts[first]), int(index[first, 0])
+        yield problem("SHARD-004", file, index=first, expected=expected, found=found)

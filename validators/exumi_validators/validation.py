@@ -1,0 +1,236 @@
+"""`validate`: the one function that users call."""
+
+import os
+from collections import Counter
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
+
+from exumi_data import __version__
+from exumi_data.catalog import EPISODES_FOLDER
+from exumi_data.dataset import DATASET_DOCUMENT
+from exumi_data.engine import map_items
+from exumi_data.errors import NotAnEpisodeError, UnsupportedError, UsageError
+from exumi_data.model.episode import FORMAT_VERSION
+from exumi_data.standard import LEVELS, Level, rules
+from exumi_validators.checks import dataset as dataset_module
+from exumi_validators.dataset_context import DatasetContext
+from exumi_validators.episode_run import EpisodeResult, validate_episode
+from exumi_validators.findings import Collector
+from exumi_validators.registry import Check, checks_of
+from exumi_validators.report import Coverage, Problem, Report, Unchecked
+
+__all__ = ["dataset_checks", "validate"]
+
+# Starting processes costs more than judging a few episodes.
+_PARALLEL_FROM = 8
+
+
+@cache
+def dataset_checks() -> tuple[Check[DatasetContext], ...]:
+    """Return the checks of datasets, the cheap levels first."""
+    found: tuple[Check[DatasetContext], ...] = checks_of((dataset_module,))
+    return tuple(sorted(found, key=lambda check: LEVELS.index(check.level)))
+
+
+def validate(
+    path: str | os.PathLike[str],
+    *,
+    levels: Collection[Level] | None = None,
+    workers: int | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Report:
+    """Judge an episode or a dataset by the rules of the standard.
+
+    Everything that is wrong with what is there is a problem in the report; nothing is changed.
+
+    Parameters
+    ----------
+    path : path-like
+        A dataset's folder, an episode's folder, or a packed episode.
+    levels : collection of {"document", "hierarchy", "arrays", "data"}, optional
+        Which rules to judge; default all. ``data`` reads every byte and decodes every frame.
+    workers : int, optional
+        Processes; default all cores.
+    on_progress : callable, optional
+        Called with the number of episodes that are done, and of all.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    NotAnEpisodeError
+        Neither a dataset nor an episode is there.
+    UsageError
+        An unknown level.
+    UnsupportedError
+        A URL.
+    OSError
+        The path itself cannot be read.
+
+    Examples
+    --------
+    >>> from exumi_validators import validate
+    >>> report = validate("my-dataset")  # doctest: +SKIP
+    >>> report.valid, report.codes()  # doctest: +SKIP
+    (False, {'TIME-001': 1})
+    """
+    text = os.fspath(path)
+    chosen = _chosen(levels)
+    if _kind(text) == "dataset":
+        return _validate_dataset(text, chosen, workers, on_progress)
+    result = validate_episode(text, chosen)
+    if on_progress is not None:
+        on_progress(1, 1)
+    coverage = _coverage(chosen, [result], result.unchecked)
+    return _report(text, "episode", result.problems, coverage, dict(result.not_listed))
+
+
+def _chosen(levels: Collection[Level] | None) -> frozenset[Level]:
+    wanted = frozenset(LEVELS if levels is None else levels)
+    unknown = sorted(str(level) for level in wanted - set(LEVELS))
+    if unknown or not wanted:
+        raise UsageError(
+            f"invalid level ({', '.join(unknown) or 'none'}). "
+            f"Supported values are {', '.join(LEVELS)}"
+        )
+    return wanted
+
+
+def _kind(path: str) -> str:
+    if "://" in path:
+        raise UnsupportedError(
+            "URLs are not read yet", where=path, fix="Download it and give the local path."
+        )
+    target = Path(path)
+    if target.is_dir():
+        is_episode = (target / "zarr.json").is_file() or ".zarr" in target.suffixes
+        if (target / DATASET_DOCUMENT).is_file():
+            return "dataset"
+        if not is_episode and (target / EPISODES_FOLDER).is_dir():
+            return "dataset"
+        if is_episode or target.name.startswith(".partial-"):
+            return "episode"
+        raise NotAnEpisodeError(
+            "neither a dataset (no dataset.json) nor an episode (no zarr.json)",
+            where=path,
+            fix="Convert other data with: exumi convert SRC DST",
+        )
+    if not target.exists():
+        raise NotAnEpisodeError("no such file or folder", where=path)
+    with target.open("rb") as file:
+        is_zip = file.read(4) in (b"PK\x03\x04", b"PK\x05\x06")
+    if not is_zip and not path.endswith(".zip"):
+        raise NotAnEpisodeError("no zip, and so no packed episode", where=path)
+    return "episode"
+
+
+def _validate_dataset(
+    path: str,
+    levels: frozenset[Level],
+    workers: int | None,
+    on_progress: Callable[[int, int], None] | None,
+) -> Report:
+    dataset = DatasetContext(Path(path))
+    found = Collector()
+    unchecked: list[Unchecked] = []
+    results: list[EpisodeResult] = []
+    not_listed: Counter[str] = Counter()
+    if dataset.judgeable:
+        for episode, result in _episodes(dataset, path, levels, workers, on_progress):
+            if isinstance(result, Unchecked):
+                unchecked.append(result)
+                continue
+            results.append(_placed(result, episode))
+            dataset.facts[episode] = result.facts
+            not_listed.update(result.not_listed)
+            unchecked += [replace(item, path=episode) for item in result.unchecked]
+        dataset.facts = dict(sorted(dataset.facts.items()))
+    for check in dataset_checks():
+        if check.level not in levels:
+            continue
+        try:
+            for problem in check(dataset):
+                found.add(problem)
+        except Exception as error:  # noqa: BLE001  # a check that fails must not hide the others
+            reason = f"{type(error).__name__}: {error}"
+            unchecked.append(Unchecked(".", ", ".join(check.rules), reason[:500]))
+    not_listed.update(found.not_listed)
+    problems = [*found.problems, *(problem for result in results for problem in result.problems)]
+    problems.sort(key=lambda problem: (*problem.location.sort_key(), problem.code))
+    unchecked.sort(key=lambda item: (item.path, item.what))
+    coverage = _coverage(levels, results, tuple(unchecked))
+    return _report(path, "dataset", tuple(problems), coverage, dict(not_listed))
+
+
+def _episodes(
+    dataset: DatasetContext,
+    path: str,
+    levels: frozenset[Level],
+    workers: int | None,
+    on_progress: Callable[[int, int], None] | None,
+) -> "list[tuple[str, EpisodeResult | Unchecked]]":
+    episodes = dataset.episodes
+    has_catalog = "data" in levels and not isinstance(dataset.catalog, str)
+    judge = partial(_judge_member, root=path, levels=levels, with_digest=has_catalog)
+    single = len(episodes) < _PARALLEL_FROM
+    done: list[tuple[str, EpisodeResult | Unchecked]] = []
+    for outcome in map_items(judge, episodes, workers=1 if single else workers):
+        if outcome.value is not None:
+            done.append((outcome.item, outcome.value))
+        else:
+            reason = f"{type(outcome.error).__name__}: {outcome.error}"
+            done.append((outcome.item, Unchecked(outcome.item, "the episode", reason[:500])))
+        if on_progress is not None:
+            on_progress(len(done), len(episodes))
+    return sorted(done, key=lambda pair: pair[0])
+
+
+def _judge_member(
+    episode: str, *, root: str, levels: frozenset[Level], with_digest: bool
+) -> EpisodeResult:
+    return validate_episode(f"{root}/{episode}", levels, with_digest=with_digest)
+
+
+def _placed(result: EpisodeResult, episode: str) -> EpisodeResult:
+    problems = tuple(
+        replace(problem, location=replace(problem.location, episode=episode))
+        for problem in result.problems
+    )
+    return replace(result, problems=problems)
+
+
+def _coverage(
+    levels: frozenset[Level], results: list[EpisodeResult], unchecked: tuple[Unchecked, ...]
+) -> Coverage:
+    return Coverage(
+        levels=tuple(level for level in LEVELS if level in levels),
+        rules=sum(rule.level in levels for rule in rules().values()),
+        episodes=len(results),
+        streams=sum(result.streams for result in results),
+        arrays=sum(result.arrays for result in results),
+        samples=sum(result.samples for result in results),
+        frames=sum(result.frames for result in results),
+        unchecked=unchecked,
+    )
+
+
+def _report(
+    path: str,
+    kind: str,
+    problems: tuple[Problem, ...],
+    coverage: Coverage,
+    not_listed: dict[str, int],
+) -> Report:
+    return Report(
+        path=path,
+        kind=kind,
+        standard=FORMAT_VERSION,
+        library=__version__,
+        problems=problems,
+        coverage=coverage,
+        not_listed=not_listed,
+    )
