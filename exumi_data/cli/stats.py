@@ -43,7 +43,8 @@ def run(
     import exumi_data
     from exumi_data.cli.failures import FOUND_WRONG
     from exumi_data.cli.output import print_json, progress_of, result_console
-    from exumi_data.stats import DEFAULT_TICK_S, measure
+    from exumi_data.stats import measure
+    from exumi_data.ticks import DEFAULT_TICK_S
 
     source = exumi_data.open(path)
     total = 1 if isinstance(source, exumi_data.Episode) else len(source)

@@ -171,15 +171,22 @@ def _location(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
     return tuple(kept)
 
 
-def problems_of(error: ValidationError) -> list[tuple[str, str]]:
-    """List a validation error's problems as (message, JSON path)."""
+def problems_of(error: ValidationError, below: tuple[int | str, ...] = ()) -> list[tuple[str, str]]:
+    """List a validation error's problems as (message, JSON path).
+
+    Parameters
+    ----------
+    error : pydantic.ValidationError
+    below : tuple of int or str
+        Where in the document the part lies that was validated.
+    """
     found = []
     for item in error.errors(include_url=False, include_context=False, include_input=False):
         message = item["msg"].removeprefix("Value error, ")
         message = message[:1].lower() + message[1:]
         if item["type"] == "missing":
             message = "required field missing"
-        found.append((message, json_path(_location(item["loc"]))))
+        found.append((message, json_path(_location((*below, *item["loc"])))))
     return found
 
 
@@ -274,10 +281,11 @@ def dump(model: Model) -> dict[str, Any]:
 def _mark_filled(value: Any) -> None:
     """Mark fields as set whose default list or mapping was filled in place."""
     if isinstance(value, Model):
-        for name, field in type(value).model_fields.items():
-            if getattr(value, name) != field.get_default(call_default_factory=True):
+        for name in type(value).model_fields:
+            content = getattr(value, name)
+            if content and isinstance(content, list | dict):
                 value.model_fields_set.add(name)
-            _mark_filled(getattr(value, name))
+            _mark_filled(content)
     elif isinstance(value, dict):
         for item in value.values():
             _mark_filled(item)

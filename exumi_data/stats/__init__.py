@@ -9,7 +9,7 @@ A `Statistics` is plain data: ``dataclasses.asdict`` gives what ``exumi stats --
 prints.
 """
 
-from exumi_data.stats.measuring import DEFAULT_TICK_S, measure
+from exumi_data.stats.measuring import measure
 from exumi_data.stats.model import (
     ActiveTactile,
     Content,
@@ -25,7 +25,6 @@ from exumi_data.stats.model import (
 from exumi_data.stats.summary import DatasetSummary, EpisodeSummary, StreamRow, summarize
 
 __all__ = [
-    "DEFAULT_TICK_S",
     "ActiveTactile",
     "Content",
     "DatasetSummary",

@@ -11,13 +11,11 @@ from exumi_data.episode import Episode, StreamView
 from exumi_data.errors import DamagedDataError, LimitError
 from exumi_data.model.description import Label
 from exumi_data.tactile.activity import ACTIVE_THRESHOLD
+from exumi_data.ticks import image_tolerance_ns, max_gap_ns, tick_times_ns
 from exumi_data.time import RateStatistics, bracket_indices, nearest_indices, rate_statistics
 
 __all__ = ["EpisodeMeasure", "StreamMeasure", "measure_episode"]
 
-_LOW_DIM_GAP_NS = 100_000_000
-_IMAGE_PERIODS = 0.6
-_LOW_DIM_PERIODS = 2.5
 _MAX_TICKS = 20_000_000
 _TIME_LIMIT_NS = 2**62
 
@@ -177,29 +175,15 @@ def _ticks(times: list[Times], tick_s: Fraction) -> Times:
             f"{float(tick_s):g} s",
             fix="Check its times with exumi validate, or choose a longer tick.",
         )
-    whole, rest = divmod(tick_ns.numerator, tick_ns.denominator)
-    number = np.arange(count, dtype=np.int64)
-    # Exact, however long the episode: no sum of rounded ticks.
-    return (
-        start + number * whole + (number * rest + tick_ns.denominator // 2) // tick_ns.denominator
-    )
-
-
-def _median_period_ns(time: Times) -> float:
-    return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-
-
-def _tolerance_ns(time: Times, tick_s: Fraction) -> int:
-    return round(max(float(tick_s) * 1e9, _IMAGE_PERIODS * _median_period_ns(time)))
+    return start + tick_times_ns(np.arange(count), tick_s)
 
 
 def _valid_at(stream: StreamView, time: Times, ticks: Times, tick_s: Fraction) -> Mask:
     if not len(time):
         return np.zeros(len(ticks), np.bool_)
     if stream.is_image:
-        return nearest_indices(time, ticks, _tolerance_ns(time, tick_s)) >= 0
-    gap = round(max(_LOW_DIM_GAP_NS, _LOW_DIM_PERIODS * _median_period_ns(time)))
-    return bracket_indices(time, ticks, gap).valid
+        return nearest_indices(time, ticks, image_tolerance_ns(time, tick_s)) >= 0
+    return bracket_indices(time, ticks, max_gap_ns(time)).valid
 
 
 def _active_above(episode: Episode, name: str) -> float:
@@ -230,7 +214,7 @@ def _tactile_union(
     union = known[densest].copy()
     for name, active in known.items():
         if name != densest and len(active):
-            nearest = nearest_indices(times[name], moments, _tolerance_ns(times[name], tick_s))
+            nearest = nearest_indices(times[name], moments, image_tolerance_ns(times[name], tick_s))
             union |= active[nearest] & (nearest >= 0)
     return len(moments), int(union.sum())
 

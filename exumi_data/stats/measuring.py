@@ -24,11 +24,10 @@ from exumi_data.stats.model import (
     Unreadable,
     Usable,
 )
+from exumi_data.ticks import DEFAULT_TICK_S
 
-__all__ = ["DEFAULT_TICK_S", "measure"]
+__all__ = ["measure"]
 
-DEFAULT_TICK_S = Fraction(3 * 1001, 60000)
-"""Three frames of 59.94 fps: the common timeline's tick in exUMI."""
 
 _MANY_EPISODES = 200
 _DEMONSTRATIONS = ("demonstration", "play")

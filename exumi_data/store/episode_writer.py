@@ -153,7 +153,8 @@ class EpisodeWriter:
                 {"kind": kind, "clock": clock or _UNKNOWN_CLOCK, "arrays": [], **fields}
             )
         except ValidationError as error:
-            problems = tuple(f"{message} @ {path}" for message, path in problems_of(error))
+            found = problems_of(error, below=("streams", name))
+            problems = tuple(f"{message} @ {path}" for message, path in found)
             raise MetadataError(
                 f"stream {name!r}: {'; '.join(problems)}", where=self.path, problems=problems
             ) from None

@@ -23,12 +23,10 @@ from exumi_data.engine import map_items
 from exumi_data.episode import Episode, StreamView, open_episode
 from exumi_data.errors import DamagedDataError, UsageError
 from exumi_data.geometry import interpolate_linear, interpolate_poses
+from exumi_data.ticks import DEFAULT_TICK_S, image_tolerance_ns, max_gap_ns, tick_times_ns
 from exumi_data.time import nearest_indices
 
-__all__ = ["DEFAULT_TICK_S", "Layout", "Timeline", "TimelineSettings", "build_timeline"]
-
-DEFAULT_TICK_S = Fraction(3 * 1001, 60000)
-"""Three frames of 59.94 fps: 50.05 ms (exUMI)."""
+__all__ = ["Layout", "Timeline", "TimelineSettings", "build_timeline"]
 
 _VERSION = 1
 _FIRST_STEP, _LAST_STEP = -15, 16
@@ -72,17 +70,13 @@ class TimelineSettings:
         """Return the image tolerance for a stream."""
         if self.image_tolerance_s is not None:
             return round(self.image_tolerance_s * 1e9)
-        return round(max(float(self.tick_s) * 1e9, 0.6 * _median_period_ns(time_ns)))
+        return image_tolerance_ns(time_ns, self.tick_s)
 
     def gap_ns(self, time_ns: np.ndarray) -> int:
         """Return the longest interpolated stretch for a stream."""
         if self.max_gap_s is not None:
             return round(self.max_gap_s * 1e9)
-        return round(max(0.1e9, 2.5 * _median_period_ns(time_ns)))
-
-
-def _median_period_ns(time_ns: np.ndarray) -> float:
-    return float(np.median(np.diff(time_ns))) if len(time_ns) > 1 else 0.0
+        return max_gap_ns(time_ns)
 
 
 @dataclass(frozen=True)
@@ -173,15 +167,7 @@ class Timeline:
 
     def tick_offset_ns(self, tick: np.ndarray) -> np.ndarray:
         """Return the time of the k-th tick since its episode's first, int64 ns."""
-        return _tick_times(tick, self.settings.tick_s)
-
-
-def _tick_times(tick: np.ndarray, tick_s: Fraction) -> np.ndarray:
-    """Exact to the nanosecond, however long the episode: no sum of rounded steps."""
-    numerator, denominator = (tick_s * 1_000_000_000).as_integer_ratio()
-    whole, rest = divmod(numerator, denominator)
-    tick = tick.astype(np.int64)
-    return np.asarray(tick * whole + (tick * rest + denominator // 2) // denominator)
+        return tick_times_ns(tick, self.settings.tick_s)
 
 
 def choose_layout(
@@ -252,7 +238,7 @@ def _compute(episode: Episode, layout: Layout, settings: TimelineSettings) -> _E
     streams = {name: episode[name] for name in layout.streams}
     times = {name: stream.time for name, stream in streams.items()}
     start, ticks = _span(times, settings.tick_s)
-    at = start + _tick_times(np.arange(ticks), settings.tick_s)
+    at = start + tick_times_ns(np.arange(ticks), settings.tick_s)
     frame = {
         name: nearest_indices(times[name], at, settings.tolerance_ns(times[name]))
         for name in layout.images
@@ -319,7 +305,7 @@ def _activity(
     everywhere = np.zeros(len(at), dtype=bool)
     future = np.zeros(len(at), dtype=bool)
     half = int(settings.tick_s * 500_000_000)
-    span = _tick_times(np.array([-_FIRST_STEP, _LAST_STEP]), settings.tick_s)
+    span = tick_times_ns(np.array([-_FIRST_STEP, _LAST_STEP]), settings.tick_s)
     ahead = np.minimum(np.arange(len(at))[:, None] + _FUTURE_STEPS, max(len(at) - 1, 0))
     for stream in tactile:
         activity = stream.activity

@@ -12,12 +12,12 @@ from torch.utils.data import DataLoader, Dataset
 
 from exumi_data.errors import UsageError
 from exumi_data.splits import split_ids
+from exumi_data.ticks import DEFAULT_TICK_S
 from exumi_loaders.actions import relative_actions
 from exumi_loaders.draws import history_steps
 from exumi_loaders.readers import FrameReaders
 from exumi_loaders.sampler import WindowIndex, WindowSampler
 from exumi_loaders.timeline import (
-    DEFAULT_TICK_S,
     TimelineSettings,
     build_timeline,
     choose_layout,

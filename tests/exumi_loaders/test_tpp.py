@@ -346,12 +346,3 @@ def test_a_stream_that_does_not_overlap_gives_no_windows(make_dataset: Any, reci
     dataset = make_dataset(full(recipe), full(recipe, rgb_s=seconds(30, 6, start=100)))
     windows = open_windows(dataset)
     assert len(windows) == 120
-
-
-def test_the_timeline_is_exact_over_hours() -> None:
-    from exumi_loaders.timeline import _tick_times
-
-    tick = Fraction(3003, 60000)
-    index = np.array([0, 1, 10**6, 10**8])
-    expected = [round(Fraction(int(k)) * tick * 10**9) for k in index]
-    np.testing.assert_array_equal(_tick_times(index, tick), expected)
