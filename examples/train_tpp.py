@@ -70,7 +70,7 @@ def main() -> None:
             frames = batch[finger].to(device)  # uint8 until here
             touch = represent(frames, batch[f"{finger}_reference"].to(device))
             touch = nn.functional.interpolate(touch.flatten(0, 1), (SIDE, SIDE), mode="area")
-            touch = touch.unflatten(0, frames.shape[:2])
+            touch = touch.view(*frames.shape[:2], 3, SIDE, SIDE)
             action = batch["action"].to(device) if action_size else None
             predicted = model(touch[:, :HISTORY].flatten(1, 2), action)
             loss = nn.functional.mse_loss(predicted, touch[:, HISTORY:].flatten(1, 2))
