@@ -123,7 +123,10 @@ class Dataset:
         return episode
 
     def _view(self, indices: Sequence[int]) -> "Dataset":
-        return Dataset(self.path, self.metadata, self.catalog.take(list(indices)))
+        import pyarrow as pa
+
+        chosen = pa.array(indices, pa.int64())  # an empty list alone would have no type
+        return Dataset(self.path, self.metadata, self.catalog.take(chosen))
 
     def select(
         self,

@@ -4,6 +4,7 @@ import copy
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -50,9 +51,18 @@ def _prepare_worker() -> None:
     # workers with SIGTERM, which unwinds them so that they remove what they had half written.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _stop)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     import cv2  # workers alone need it
 
     cv2.setNumThreads(1)
+
+
+def _end_with_parent() -> None:
+    """Stop this worker when its parent is gone: a killed one cannot tell, and nobody would ask."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
 
 
 def map_items(
@@ -152,7 +162,8 @@ def _crash() -> ExumiError:
     return ExumiError(
         "the worker process died while it was working on this (a crash in a codec, or out of "
         "memory)",
-        fix="Try again with --workers 1 to see where.",
+        fix="Try again with one worker (--workers 1) to see where. In a program of your own, "
+        'the call belongs under `if __name__ == "__main__":`, or workers cannot start.',
     )
 
 

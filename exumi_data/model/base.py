@@ -5,16 +5,19 @@ from typing import Annotated, Any
 
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     PrivateAttr,
     StringConstraints,
     model_validator,
 )
+from pydantic_core import PydanticCustomError
 from pydantic_core.core_schema import ValidationInfo
 
 __all__ = [
     "EXTENSION_KEY",
+    "WHOLE_NUMBER",
     "ArrayName",
     "EpisodeId",
     "ExtensionKind",
@@ -96,6 +99,15 @@ class Model(BaseModel):
                 raise ValueError(msg)
         return self
 
+
+def _whole_number(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise PydanticCustomError("int_type", "Input should be a valid integer")
+    return value
+
+
+WHOLE_NUMBER = BeforeValidator(_whole_number)
+"""For a `Literal` of integers, which would take ``true`` for 1 and 3.0 for 3."""
 
 NonNegative = Annotated[int, Field(ge=0)]
 Positive = Annotated[int, Field(gt=0)]

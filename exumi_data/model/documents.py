@@ -283,7 +283,7 @@ def _mark_filled(value: Any) -> None:
     if isinstance(value, Model):
         for name in type(value).model_fields:
             content = getattr(value, name)
-            if content and isinstance(content, list | dict):
+            if isinstance(content, list | dict) and content:
                 value.model_fields_set.add(name)
             _mark_filled(content)
     elif isinstance(value, dict):

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from exumi_data.model.base import Identifier, Model, Rational, Sha256
+from exumi_data.model.base import WHOLE_NUMBER, Identifier, Model, Rational, Sha256
 
 __all__ = ["ArrayImages", "EncodedImages", "Images", "VideoFile", "VideoImages"]
 
@@ -14,7 +14,7 @@ Side = Annotated[int, Field(ge=1, le=65535)]
 class _Images(Model):
     height: Side
     width: Side
-    channels: Literal[1, 3]
+    channels: Annotated[Literal[1, 3], WHOLE_NUMBER]
     """1 is grey, 3 is RGB, in this order."""
 
 

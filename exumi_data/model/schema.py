@@ -19,6 +19,7 @@ DOCUMENTS: dict[str, type[Model]] = {
 def json_schema(name: str) -> dict[str, Any]:
     """Return the JSON Schema of one of `DOCUMENTS`."""
     schema = DOCUMENTS[name].model_json_schema(mode="validation")
+    _close_maps(schema)
     # The models have defaults for these two, as a convenience in Python; in a file both must be.
     schema["required"] = ["format", "version", *schema.get("required", [])]
     return {
@@ -26,3 +27,15 @@ def json_schema(name: str) -> dict[str, Any]:
         "$id": f"https://exumi-data.org/schema/{FORMAT_VERSION}/{name}.schema.json",
         **schema,
     }
+
+
+def _close_maps(schema: Any) -> None:
+    """Let maps with named keys have no others: a pattern alone forbids nothing in JSON Schema."""
+    if isinstance(schema, list):
+        for item in schema:
+            _close_maps(item)
+    elif isinstance(schema, dict):
+        if "patternProperties" in schema and "properties" not in schema:
+            schema.setdefault("additionalProperties", False)
+        for item in schema.values():
+            _close_maps(item)

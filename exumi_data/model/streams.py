@@ -4,7 +4,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from exumi_data.model.base import ArrayName, ExtensionKind, Identifier, Model, Rational
+from exumi_data.model.base import (
+    WHOLE_NUMBER,
+    ArrayName,
+    ExtensionKind,
+    Identifier,
+    Model,
+    Rational,
+)
 from exumi_data.model.clock import Clock, Gap
 from exumi_data.model.images import Images
 
@@ -134,7 +141,7 @@ class TaxelsStream(StreamModel):
     grid: Annotated[list[Annotated[int, Field(ge=1, le=4096)]], Field(min_length=2, max_length=2)]
     """Rows and columns."""
     unit: Identifier
-    sign: Literal[-1, 1] = 1
+    sign: Annotated[Literal[-1, 1], WHOLE_NUMBER] = 1
     """-1 when the value falls as the force grows."""
     offset: float = 0.0
     """The value without contact, in ``unit``."""

@@ -125,16 +125,22 @@ class Frames:
         chosen = indices if isinstance(indices, Sequence) else list(indices)
         size = len(chosen) * math.prod(self.shape[1:])
         if size > MAX_WHOLE_READ:
-            raise LimitError(
-                f"{len(chosen):,} frames are {size:,} bytes; at most {MAX_WHOLE_READ:,} are read "
-                "at once",
-                where=self._where,
-                fix="Read fewer frames at a time.",
-            )
+            raise self._too_much(len(chosen), size)
         channels = 1 if grey else self.shape[3]
-        out = np.empty((len(chosen), *self.shape[1:3], channels), dtype=np.uint8)
+        try:
+            out = np.empty((len(chosen), *self.shape[1:3], channels), dtype=np.uint8)
+        except MemoryError:
+            raise self._too_much(len(chosen), size) from None
         self.read_into(chosen, out)
         return out
+
+    def _too_much(self, frames: int, size: int) -> LimitError:
+        return LimitError(
+            f"{frames:,} frames are {size:,} bytes; at most {MAX_WHOLE_READ:,} are read at once, "
+            "and no more than there is memory",
+            where=self._where,
+            fix="Read fewer frames at a time.",
+        )
 
     def read_into(self, indices: Sequence[int] | np.ndarray, out: np.ndarray) -> None:
         """Decode frames into a buffer.

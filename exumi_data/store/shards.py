@@ -412,7 +412,10 @@ class ArrayReader:
         self.check_shards()
         if document.nbytes > MAX_WHOLE_READ:
             raise self._too_much(document.nbytes)
-        out = np.empty(self.shape, dtype=self.dtype)
+        try:
+            out = np.empty(self.shape, dtype=self.dtype)
+        except MemoryError:
+            raise self._too_much(document.nbytes) from None
         flat = out.reshape(-1).view(np.uint8)
         step = max(1, _READ_PIECE // document.chunk_bytes) * document.chunk_bytes
         for start in range(0, document.nbytes, step):
@@ -424,7 +427,7 @@ class ArrayReader:
     def _too_much(self, length: int) -> LimitError:
         return LimitError(
             f"{length:,} bytes of the array are asked for; at most {MAX_WHOLE_READ:,} are read at "
-            "once",
+            "once, and no more than there is memory",
             where=f"{self.store.location}/{self.path}",
         )
 

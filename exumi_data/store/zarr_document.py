@@ -21,6 +21,7 @@ __all__ = [
     "ArrayDocument",
     "ForeignLayoutError",
     "array_document",
+    "layout_of",
     "parse_array",
 ]
 
@@ -164,6 +165,11 @@ def parse_array(raw: bytes, where: object) -> ArrayDocument:
         document = json.loads(raw)
     except (ValueError, RecursionError) as error:
         raise DamagedDataError(f"zarr.json is not valid JSON ({error})", where=where) from None
+    return layout_of(document, where)
+
+
+def layout_of(document: object, where: object) -> ArrayDocument:
+    """Understand the ``zarr.json`` of an array, parsed. Raises as `parse_array` does."""
     if not isinstance(document, dict) or document.get("node_type") != "array":
         raise DamagedDataError("zarr.json does not describe an array", where=where)
     if document.get("zarr_format") != 3:  # Zarr v3

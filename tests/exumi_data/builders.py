@@ -14,6 +14,7 @@ import numpy as np
 
 from exumi_data.catalog import build_catalog, episode_path, write_catalog
 from exumi_data.dataset import create_dataset
+from exumi_data.episode import open_episode
 from exumi_data.model import (
     ArrayImages,
     Clock,
@@ -225,3 +226,25 @@ def copy_of(episode: Path, target: Path) -> Path:
     """Copy an episode's folder."""
     shutil.copytree(episode, target)
     return target
+
+
+def read_everything(path: Path) -> None:
+    """Open an episode and read all that is in it."""
+    with open_episode(path) as episode:
+        episode.check_complete()
+        for stream in episode.streams.values():
+            _ = stream.time
+            for name in stream.metadata.arrays:
+                stream.array(name)
+            if stream.is_image:
+                _ = stream.frames[:]
+            images = getattr(stream.metadata, "images", None)
+            if isinstance(images, EncodedImages) and len(stream):
+                stream.encoded(-1)
+            if isinstance(images, VideoImages):
+                stream.container()
+            _ = stream.activity
+        if episode.derived is not None:
+            for key in episode.derived.items:
+                episode.derived_array(key)
+        episode.digest()

@@ -1,7 +1,6 @@
 """An episode as the checks see it: everything that can be understood, read once, bounded."""
 
 import hashlib
-import json
 import re
 from collections.abc import Iterable, Iterator
 from functools import cache, cached_property
@@ -24,7 +23,7 @@ from exumi_data.model.streams import ExtensionStream, Stream, StreamModel
 from exumi_data.standard import ArraySpec, common_arrays, derived_arrays, encodings, kinds
 from exumi_data.store.access import FolderStore, ZipStore
 from exumi_data.store.shards import ArrayReader
-from exumi_data.store.zarr_document import ArrayDocument, ForeignLayoutError, parse_array
+from exumi_data.store.zarr_document import ArrayDocument, ForeignLayoutError, layout_of
 from exumi_validators.expected_shapes import fits
 from exumi_validators.json_documents import LoadedDocument, load_document
 from exumi_validators.listing import Listing
@@ -43,7 +42,9 @@ _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 _DERIVED_KEY = re.compile(r"[a-z][a-z0-9_]*/[a-z][a-z0-9_]*")
 _MAX_NODE_BYTES = 1 << 20
 _BLOCK_BYTES = 4 << 20
+_SMALL_BYTES = 64 << 10
 _MAX_BLOCK_BYTES = 64 << 20
+_METADATA: TypeAdapter[Any] = TypeAdapter(EpisodeMetadata)
 _STREAM: TypeAdapter[Any] = TypeAdapter(Stream)
 _DERIVED_ITEM: TypeAdapter[Any] = TypeAdapter(DerivedItem)
 
@@ -106,7 +107,9 @@ class EpisodeContext:
         self.scanned: set[str] = set()
         self._nodes: dict[str, LoadedDocument | None] = {}
         self._readers: dict[str, ArrayReader | None] = {}
+        self._layouts: dict[str, ArrayDocument | None] = {}
         self._shards: dict[str, tuple[Problem, ...]] = {}
+        self._small: dict[str, np.ndarray] = {}
 
     # ------------------------------------------------------------------------------- documents
 
@@ -159,6 +162,14 @@ class EpisodeContext:
         """Whether the episode is of a newer minor version."""
         return bool(self.document and newer_minor(self.document.get("version")))
 
+    @cached_property
+    def metadata(self) -> EpisodeMetadata | None:
+        """The metadata, when nothing at all is wrong with it."""
+        if self.document is None:
+            return None
+        found: EpisodeMetadata | None = parse_leniently(_METADATA, self.document, strictly=True)
+        return found
+
     def section(self, name: str) -> Any:
         """Return a part of the metadata as its model, whatever is wrong elsewhere.
 
@@ -173,7 +184,9 @@ class EpisodeContext:
             None when it is absent or not valid itself.
         """
         value = (self.document or {}).get(name)
-        return None if value is None else parse_leniently(_adapter(name), value)
+        if value is None or self.metadata is not None:
+            return None if value is None else getattr(self.metadata, name)
+        return parse_leniently(_adapter(name), value)
 
     def parts(self, model: type[M], *keys: str) -> Iterator[tuple[Pointer, M]]:
         """Go through a list or map of the metadata; entries that are not valid are passed over.
@@ -207,6 +220,8 @@ class EpisodeContext:
     @cached_property
     def streams(self) -> dict[str, StreamModel]:
         """The streams whose own metadata is valid."""
+        if self.metadata is not None:
+            return dict(self.metadata.streams)
         streams = (self.document or {}).get("streams", {})
         if not isinstance(streams, dict):
             return {}
@@ -314,6 +329,11 @@ class EpisodeContext:
 
     def _layout(self, path: str) -> ArrayDocument | None:
         """Return the layout of an array that follows the rules for it."""
+        if path not in self._layouts:
+            self._layouts[path] = self._parse_layout(path)
+        return self._layouts[path]
+
+    def _parse_layout(self, path: str) -> ArrayDocument | None:
         node = self.array_nodes.get(path)
         if node is None or any(array_problems(node)):
             return None
@@ -323,7 +343,7 @@ class EpisodeContext:
         ):
             return None
         try:
-            return parse_array(json.dumps(node.document).encode(), path)
+            return layout_of(node.document, path)
         except (ForeignLayoutError, DamagedDataError, LimitError) as error:
             self.unreadable[path] = f"the document cannot be understood: {error}"
             return None
@@ -381,12 +401,20 @@ class EpisodeContext:
             rows = []
             for reader in whole:
                 try:
-                    rows.append(reader.rows(start, stop))
+                    rows.append(self._rows(reader, start, stop))
                 except (ExumiError, OSError) as error:
                     self.unreadable[reader.path] = str(getattr(error, "what", error))
                     return
             yield start, tuple(rows)
         self.scanned.update(paths)
+
+    def _rows(self, reader: ArrayReader, start: int, stop: int) -> np.ndarray:
+        if reader.document.nbytes > _SMALL_BYTES:
+            return reader.rows(start, stop)
+        # Many checks ask for the same small arrays.
+        if reader.path not in self._small:
+            self._small[reader.path] = reader.rows(0, reader.shape[0])
+        return self._small[reader.path][start:stop]
 
     def root_sha256(self) -> str | None:
         """Return the digest of the root document."""

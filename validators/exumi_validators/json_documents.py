@@ -53,14 +53,16 @@ def load_document(raw: bytes, path: str) -> LoadedDocument:
         return LoadedDocument(path, mistake="the document is larger than 64 MiB")
     try:
         text = raw.decode("utf-8")
-        value = json.loads(text, object_pairs_hook=_object, parse_constant=_no_constant)
-        # A lone surrogate is valid as an escape, and no text.
-        json.dumps(value, ensure_ascii=False).encode("utf-8")
+        objects = _Objects()
+        value = json.loads(text, object_pairs_hook=objects, parse_constant=_no_constant)
+        if "\\u" in text:  # a lone surrogate is valid as an escape, and no text
+            json.dumps(value, ensure_ascii=False).encode("utf-8")
     except (RecursionError, ValueError) as error:
         return LoadedDocument(path, mistake=_mistake(error))
     if not isinstance(value, dict):
         return LoadedDocument(path, mistake="expected a JSON object")
-    return LoadedDocument(path, value, duplicates=tuple(_duplicates(value, ())))
+    twice = tuple(_duplicates(value, ())) if objects.found_twice else ()
+    return LoadedDocument(path, value, duplicates=twice)
 
 
 def _mistake(error: Exception) -> str:
@@ -78,17 +80,23 @@ def _no_constant(name: str) -> Any:
     raise ValueError(msg)
 
 
-def _object(pairs: list[tuple[str, Any]]) -> _Object:
-    found = _Object(pairs)
-    if len(found) < len(pairs):
-        seen: set[str] = set()
-        twice = []
-        for key, _ in pairs:
-            if key in seen:
-                twice.append(key)
-            seen.add(key)
-        found.twice = tuple(twice)
-    return found
+class _Objects:
+    """Makes the objects of one document; knows whether any key of any of them stood twice."""
+
+    found_twice = False
+
+    def __call__(self, pairs: list[tuple[str, Any]]) -> _Object:
+        found = _Object(pairs)
+        if len(found) < len(pairs):
+            seen: set[str] = set()
+            twice = []
+            for key, _ in pairs:
+                if key in seen:
+                    twice.append(key)
+                seen.add(key)
+            found.twice = tuple(twice)
+            self.found_twice = True
+        return found
 
 
 def _duplicates(value: object, pointer: Pointer) -> Iterator[Pointer]:

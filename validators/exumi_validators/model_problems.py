@@ -18,17 +18,19 @@ _EXTENSION_FIELDS = ("extension_version", "schema_url")
 _MISSING = ("missing", "union_tag_not_found")
 
 
-def parse_leniently(adapter: TypeAdapter[Any], value: object) -> Any:
-    """Return the model that a value is, unknown keys allowed; None when it is none.
+def parse_leniently(adapter: TypeAdapter[Any], value: object, *, strictly: bool = False) -> Any:
+    """Return the model that a value is; None when it is none.
 
     Parameters
     ----------
     adapter : pydantic.TypeAdapter
     value : object
         A part of a document.
+    strictly : bool
+        Allow no unknown keys.
     """
     try:
-        return adapter.validate_json(json.dumps(value), context={"newer_minor": True})
+        return adapter.validate_json(json.dumps(value), context={"newer_minor": not strictly})
     except (ValidationError, RecursionError):
         return None
 

@@ -45,8 +45,13 @@ def _walk(value: object, schema: Schema, known: Schema, pointer: Pointer) -> Ite
             child = _property(key, schema)
             if child is not None:
                 yield from _walk(item, child, known, (*pointer, key))
-            elif schema.get("additionalProperties") is False and not _EXTENSION.fullmatch(key):
+            elif _is_closed(schema) and not _EXTENSION.fullmatch(key):
                 yield (*pointer, key)
+
+
+def _is_closed(schema: Schema) -> bool:
+    """Whether this is an object with fields: the keys of a map are the model's to judge."""
+    return "properties" in schema and schema.get("additionalProperties") is False
 
 
 def _property(key: str, schema: Schema) -> Schema | None:

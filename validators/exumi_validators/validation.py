@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 from exumi_data import __version__
 from exumi_data.catalog import EPISODES_FOLDER
@@ -13,10 +14,16 @@ from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.engine import map_items
 from exumi_data.errors import NotAnEpisodeError, UnsupportedError, UsageError
 from exumi_data.model.episode import FORMAT_VERSION
-from exumi_data.standard import LEVELS, Level, rules
+from exumi_data.standard import LEVELS, Level
 from exumi_validators.checks import dataset as dataset_module
 from exumi_validators.dataset_context import DatasetContext
-from exumi_validators.episode_run import EpisodeResult, validate_episode
+from exumi_validators.episode_run import (
+    EpisodeResult,
+    archive_checks,
+    episode_checks,
+    root_checks,
+    validate_episode,
+)
 from exumi_validators.findings import Collector
 from exumi_validators.registry import Check, checks_of
 from exumi_validators.report import Coverage, Problem, Report, Unchecked
@@ -85,7 +92,8 @@ def validate(
     result = validate_episode(text, chosen)
     if on_progress is not None:
         on_progress(1, 1)
-    coverage = _coverage(chosen, [result], result.unchecked)
+    judged = _judged(chosen, packed=Path(text).is_file(), of_dataset=False)
+    coverage = _coverage(chosen, judged, [result], result.unchecked)
     return _report(text, "episode", result.problems, coverage, dict(result.not_listed))
 
 
@@ -162,7 +170,9 @@ def _validate_dataset(
     problems = [*found.problems, *(problem for result in results for problem in result.problems)]
     problems.sort(key=lambda problem: (*problem.location.sort_key(), problem.code))
     unchecked.sort(key=lambda item: (item.path, item.what))
-    coverage = _coverage(levels, results, tuple(unchecked))
+    packed = any(episode.endswith(".zip") for episode in dataset.episodes)
+    judged = _judged(levels, packed=packed, of_dataset=True)
+    coverage = _coverage(levels, judged, results, tuple(unchecked))
     return _report(path, "dataset", tuple(problems), coverage, dict(not_listed))
 
 
@@ -203,12 +213,23 @@ def _placed(result: EpisodeResult, episode: str) -> EpisodeResult:
     return replace(result, problems=problems)
 
 
+def _judged(levels: frozenset[Level], *, packed: bool, of_dataset: bool) -> int:
+    """Return how many rules were judged."""
+    checks: list[Check[Any]] = [*root_checks(), *episode_checks()]
+    checks += archive_checks() if packed else ()
+    checks += dataset_checks() if of_dataset else ()
+    return len({code for check in checks if check.level in levels for code in check.rules})
+
+
 def _coverage(
-    levels: frozenset[Level], results: list[EpisodeResult], unchecked: tuple[Unchecked, ...]
+    levels: frozenset[Level],
+    judged: int,
+    results: list[EpisodeResult],
+    unchecked: tuple[Unchecked, ...],
 ) -> Coverage:
     return Coverage(
         levels=tuple(level for level in LEVELS if level in levels),
-        rules=sum(rule.level in levels for rule in rules().values()),
+        rules=judged,
         episodes=len(results),
         streams=sum(result.streams for result in results),
         arrays=sum(result.arrays for result in results),

@@ -247,11 +247,15 @@ def catalog_rows(dataset: DatasetContext) -> Iterator[Problem]:
                     "CAT-003",
                     CATALOG_NAME,
                     index=index,
-                    expected=str(expected),
-                    found=str(row[column]),
+                    expected=_shown(expected),
+                    found=_shown(row[column]),
                     detail=f"{column} of {facts.id}",
                 )
                 break
+
+
+def _shown(value: object) -> str:
+    return "nothing" if value is None else str(value)
 
 
 @check("CAT-004")

@@ -31,6 +31,7 @@ __all__ = [
     "unit_names",
 ]
 
+_HEAD = {"format", "version"}  # the models have defaults for these
 _UUID = re.compile(r"[0-9a-f]{8}-[0-9a-f]{4}-([0-9a-f])[0-9a-f]{3}-[0-9a-f]{4}-[0-9a-f]{12}")
 _UUID_VERSION = {"recorded": "7", "converted": "5"}
 Pointer = tuple[int | str, ...]
@@ -41,8 +42,9 @@ _EXTENSION_UNIT = re.compile(r"[a-z][a-z0-9-]*:\S+")
 @check(*MODEL_RULES, "ID-001", "KIND-001", "EXT-001")
 def fields(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge every field of the root's document and of that of ``derived``."""
-    if episode.document is not None:
-        yield from model_rule_problems("episode", EpisodeMetadata, episode.document, ROOT, EXUMI)
+    document = episode.document
+    if document is not None and (episode.metadata is None or not set(document) >= _HEAD):
+        yield from model_rule_problems("episode", EpisodeMetadata, document, ROOT, EXUMI)
     derived = episode.derived_document
     if derived is not None and newer_minor(derived.get("version")) is not None:
         path = "derived/zarr.json"

@@ -39,7 +39,7 @@ _SHARD = re.compile(r"c/(0|[1-9][0-9]{0,18})((?:/0)*)")
 def paths(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that names are safe wherever the episode is copied to."""
     for path in episode.listing.unsafe:
-        yield problem("SAFE-001", path.rpartition("/")[0] or ".", found=path)
+        yield problem("SAFE-001", path, found=path)
 
 
 @check("SAFE-002")

@@ -21,6 +21,7 @@ __all__ = [
     "increasing",
     "known_flags",
     "nominal_grid",
+    "off_grid",
     "raw_time",
     "sequences",
 ]
@@ -134,7 +135,7 @@ def nominal_grid(episode: EpisodeContext) -> Iterator[Problem]:
         origin: int | None = None
         for start, (time,) in episode.blocks(path):
             origin = int(time[0]) if origin is None else origin
-            off = np.asarray(_off_grid(time, origin, rate) > tolerance, dtype=bool)
+            off = np.asarray(off_grid(time, origin, rate) > tolerance, dtype=bool)
             if off.any():
                 row = int(off.argmax())
                 expected = f"{stream.nominal_rate} Hz from {origin} ns on"
@@ -151,8 +152,23 @@ def _time_base_ns(stream: StreamModel) -> int:
     return int(max(bases, default=Fraction(0))) + 1 if bases else 0
 
 
-def _off_grid(time: np.ndarray, origin: int, rate: Fraction) -> np.ndarray:
-    """Distance of each time to the nearest multiple of the period, exact, nanoseconds."""
+def off_grid(time: np.ndarray, origin: int, rate: Fraction) -> np.ndarray:
+    """Return the distance of each time to the nearest whole number of periods, exact.
+
+    Parameters
+    ----------
+    time : (N,) int64
+        Nanoseconds.
+    origin : int
+        A time on the grid, nanoseconds.
+    rate : Fraction
+        Samples a second.
+
+    Returns
+    -------
+    (N,) int64 or object
+        Nanoseconds.
+    """
     steps, unit = rate.numerator, _NS_PER_S * rate.denominator
     largest = max(abs(int(time.min()) - origin), abs(int(time.max()) - origin)) + 1
     fits = 2 * largest * steps + 2 * unit < 1 << 62

@@ -1,0 +1,83 @@
+#!/usr/bin/env python3
+"""Make the few files of ``sources`` that an encoder has to make: images, a video, a catalog.
+
+They are committed, because other versions of the encoders give other bytes. Run this only to
+change what they show; afterwards run ``generate.py``.
+"""
+
+import io
+import sys
+import tempfile
+from pathlib import Path
+
+import av
+import numpy as np
+import simplejpeg
+
+SOURCES = Path(__file__).parent / "sources"
+SIDE = 16
+FRAMES = 6
+
+
+def picture(index: int, side: int) -> np.ndarray:
+    """Return a gel with a round contact that wanders, (side, side, 3) uint8."""
+    noise = np.random.default_rng(index).integers(-4, 5, (side, side, 3))
+    y, x = np.mgrid[:side, :side] / side - 0.5
+    centre = 0.25 * np.array([np.cos(index), np.sin(index)])
+    bump = np.exp(-((x - centre[0]) ** 2 + (y - centre[1]) ** 2) / 0.02)
+    image = np.stack((90 + 110 * bump, 120 - 60 * bump, 140 + 40 * x), axis=-1) + noise
+    return np.ascontiguousarray(np.clip(image, 0, 255).astype(np.uint8))
+
+
+def jpeg(image: np.ndarray) -> bytes:
+    """Return a colour JPEG."""
+    return bytes(simplejpeg.encode_jpeg(image, 60, "RGB", "420"))
+
+
+def video() -> bytes:
+    """Return an MPEG-4 file of 8 frames at 10 frames/s, with a keyframe every 4 frames."""
+    buffer = io.BytesIO()
+    options = {"fflags": "+bitexact"}
+    with av.open(buffer, "w", format="mp4", options=options) as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.width = stream.height = 32
+        stream.pix_fmt = "yuv420p"
+        stream.gop_size = 4
+        stream.codec_context.flags |= 1 << 23  # bitexact: no version in the stream
+        for index in range(8):
+            frame = av.VideoFrame.from_ndarray(picture(index, 32), format="rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return buffer.getvalue()
+
+
+def catalog() -> bytes:
+    """Return the catalog of the corpus's dataset, as the library writes it."""
+    from corpus.datasets import episodes
+
+    from exumi_data.catalog import build_catalog, write_catalog
+
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        for path, data in episodes().items():
+            (root / path).parent.mkdir(parents=True, exist_ok=True)
+            (root / path).write_bytes(data)
+        table, failed = build_catalog(root, workers=1)
+        if failed:
+            raise SystemExit(f"the episodes cannot be read: {failed[0].error}")
+        return write_catalog(root, table).read_bytes()
+
+
+def main() -> int:
+    """Write the sources."""
+    SOURCES.mkdir(exist_ok=True)
+    for index in range(FRAMES):
+        (SOURCES / f"frame_{index}.jpg").write_bytes(jpeg(picture(index, SIDE)))
+    (SOURCES / "frame_large.jpg").write_bytes(jpeg(picture(9, 2 * SIDE)))
+    (SOURCES / "clip.mp4").write_bytes(video())
+    (SOURCES / "catalog.parquet").write_bytes(catalog())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

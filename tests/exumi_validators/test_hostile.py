@@ -1,0 +1,248 @@
+"""Strangers' files: every one ends in a report, soon and in bounded memory."""
+
+import json
+import os
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exumi_data.store.pack import pack
+from exumi_validators import validate
+from tests.exumi_data.builders import edit_json, edit_metadata
+
+Codes = Callable[[Path], list[str]]
+CORPUS = Path(__file__).resolve().parents[2] / "spec" / "conformance" / "1.0"
+
+
+def replace_root(episode: Path, data: bytes) -> None:
+    (episode / "zarr.json").write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\xff\xfe",
+        b"null",
+        b"[]",
+        b"{" * 100_000,
+        b'{"a":' * 100_000,
+        b'{"a": ' + b"9" * 5_000 + b"}",
+        b'{"a": 1e999, "b": Infinity}',
+        b'{"a": "\\ud800"}',
+        b"\x00" * 1_000,
+    ],
+    ids=range(10),
+)
+def test_a_root_that_is_no_document(episode: Path, codes: Codes, data: bytes) -> None:
+    replace_root(episode, data)
+    assert codes(episode) == ["DOC-001"]
+
+
+def test_a_root_of_100_megabytes(episode: Path, codes: Codes) -> None:
+    with (episode / "zarr.json").open("wb") as file:
+        file.truncate(100 << 20)
+    assert codes(episode) == ["DOC-001"]
+
+
+def test_metadata_nested_as_deep_as_json_goes(episode: Path, codes: Codes) -> None:
+    def nest(exumi: dict[str, object]) -> None:
+        deep: object = 1
+        for _ in range(600):
+            deep = [deep]
+        exumi["acme:deep"] = deep
+
+    edit_metadata(episode, nest)
+    assert codes(episode) == ["META-002"]
+
+
+@pytest.mark.parametrize("value", [None, 3, "x", [], {}, [[]], {"": {}}, True])
+@pytest.mark.parametrize(
+    "field", ["streams", "calibration", "annotations", "source", "quality", "requires", "version"]
+)
+def test_fields_of_every_type(episode: Path, field: str, value: object) -> None:
+    edit_metadata(episode, lambda exumi: exumi.update({field: value}))
+    report = validate(episode)
+    assert report.coverage.unchecked == ()
+
+
+@pytest.mark.parametrize("value", [None, 3, "x", [], {}, -1, [-1], [1 << 70], "uint8"])
+@pytest.mark.parametrize(
+    "field",
+    ["shape", "data_type", "chunk_grid", "codecs", "chunk_key_encoding", "dimension_names",
+     "attributes", "fill_value", "node_type", "zarr_format", "storage_transformers"],
+)  # fmt: skip
+def test_array_documents_of_every_type(episode: Path, field: str, value: object) -> None:
+    edit_json(episode / "streams/width/data/zarr.json", lambda node: node.update({field: value}))
+    assert validate(episode).coverage.unchecked == ()
+
+
+def test_names_that_are_paths(episode: Path) -> None:
+    def rename(exumi: dict[str, dict[str, object]]) -> None:
+        exumi["streams"]["../../evil"] = exumi["streams"].pop("width")
+        exumi["calibration"] = {"map": {"value": None, "array": "calibration/../../../etc/passwd"}}
+
+    edit_metadata(episode, rename)
+    report = validate(episode)
+    assert report.coverage.unchecked == ()
+    assert set(report.codes()) == {"META-002", "CAL-001", "HIER-001"}
+
+
+def test_links_are_not_followed(episode: Path, codes: Codes) -> None:
+    shard = episode / "streams/width/data/c/0"
+    target = episode.parent / "elsewhere"
+    shard.rename(target)
+    shard.symlink_to(target)
+    assert codes(episode) == ["SAFE-002", "SHARD-001"]
+
+
+def test_a_folder_that_is_a_link(episode: Path) -> None:
+    stream = episode / "streams/width"
+    target = episode.parent / "elsewhere"
+    stream.rename(target)
+    stream.symlink_to(target)
+    found = validate(episode).codes()
+    assert found["SAFE-002"] == 1
+    assert found["ARR-001"] == 3
+
+
+def test_a_pipe_is_not_waited_for(episode: Path, codes: Codes) -> None:
+    shard = episode / "streams/width/data/c/0"
+    shard.unlink()
+    os.mkfifo(shard)
+    assert codes(episode) == ["SAFE-002", "SHARD-001"]
+
+
+def test_names_that_mean_something_elsewhere(episode: Path, codes: Codes) -> None:
+    (episode / "streams" / "a\\b").write_text("")
+    (episode / "streams" / "c\nd").write_text("")
+    Path(os.fsdecode(os.fsencode(episode) + b"/\xff")).write_text("")
+    assert codes(episode) == ["SAFE-001"] * 3
+
+
+def test_a_shape_that_asks_for_100_gigabytes(episode: Path, codes: Codes) -> None:
+    def enlarge(node: dict[str, object]) -> None:
+        node["shape"] = [25_000_000_000]
+        node["chunk_grid"]["configuration"]["chunk_shape"] = [8192]  # type: ignore[index]
+        node["codecs"][0]["configuration"]["chunk_shape"] = [8192]  # type: ignore[index]
+
+    edit_json(episode / "streams/width/data/zarr.json", enlarge)
+    tracemalloc.start()
+    found = codes(episode)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found == ["SHARD-001"]
+    assert peak < 100 << 20
+
+
+def test_an_index_of_a_gigabyte(episode: Path, codes: Codes) -> None:
+    def divide(node: dict[str, object]) -> None:
+        node["chunk_grid"]["configuration"]["chunk_shape"] = [1 << 24]  # type: ignore[index]
+        node["codecs"][0]["configuration"]["chunk_shape"] = [1]  # type: ignore[index]
+
+    edit_json(episode / "streams/width/data/zarr.json", divide)
+    with (episode / "streams/width/data/c/0").open("wb") as file:
+        file.truncate(1 << 30)
+    assert codes(episode) == ["ZARR-010"]
+
+
+def test_a_chunk_that_unpacks_to_more_than_it_may(episode: Path, codes: Codes) -> None:
+    from numcodecs.zstd import Zstd
+
+    from exumi_data.store.shards import crc32c
+
+    bomb = bytes(Zstd(level=1, checksum=True).encode(bytes(64 << 20)))
+    index = np.array([0, len(bomb)], dtype="<u8").tobytes()
+    shard = bomb + index + crc32c(index).to_bytes(4, "little")
+    (episode / "streams/width/data/c/0").write_bytes(shard)
+    assert codes(episode) == ["SHARD-005"]
+
+
+def test_a_jpeg_that_claims_to_be_huge(episode: Path) -> None:
+    from tests.exumi_data.builders import jpegs
+
+    shard = episode / "streams/tactile/data/c/0"
+    data = bytearray(shard.read_bytes())
+    at = data.index(b"\xff\xc0") + 5  # height and width of the first frame
+    assert data[at : at + 4] == (24).to_bytes(2, "big") + (32).to_bytes(2, "big")
+    data[at : at + 4] = b"\x40\x00\x40\x00"
+    assert len(jpegs()[0]) > at
+    shard.write_bytes(bytes(data))
+    assert validate(episode).codes() == {"IMG-005": 1, "IMG-007": 1}
+
+
+def test_a_playlist_in_place_of_a_video_is_not_opened(episode: Path) -> None:
+    """Such lists name other files, which FFmpeg would read."""
+    shard = episode / "streams/gopro/data/c/0"
+    data = bytearray(shard.read_bytes())
+    playlist = b"ffconcat version 1.0\nfile '/etc/hostname'\n"
+    data[: len(playlist)] = playlist
+    shard.write_bytes(bytes(data))
+    report = validate(episode)
+    assert report.codes() == {"VID-006": 1, "VID-007": 1}
+    (found,) = [problem for problem in report.problems if problem.code == "VID-007"]
+    assert "it is no video/mp4" in found.message
+
+
+@pytest.mark.parametrize("at", [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_a_zip_cut_short(episode: Path, codes: Codes, at: float) -> None:
+    archive = pack(episode)
+    data = archive.read_bytes()
+    archive.write_bytes(data[: int(len(data) * at)])
+    assert codes(archive) == ["PACK-001"]
+
+
+def test_a_zip_that_was_made_by_another_program(episode: Path) -> None:
+    archive = episode.with_name("other.zarr.zip")
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
+        for path in sorted(episode.rglob("*")):
+            file.write(path, path.relative_to(episode))
+    report = validate(archive)
+    assert {"PACK-002", "PACK-004", "PACK-005", "PACK-006"} == set(report.codes())
+    assert report.coverage.streams == 0
+
+
+def cases() -> list[Path]:
+    found = [json.loads(p.read_text())["store"] for p in CORPUS.glob("valid/*/expected.json")]
+    folders = sorted(p.parent for p in CORPUS.glob("valid/*/expected.json"))
+    assert len(found) > 20
+    return [f / json.loads((f / "expected.json").read_text())["store"] for f in folders]
+
+
+def spoil(data: bytes, random: np.random.Generator) -> bytes:
+    """Flip, cut, repeat or overwrite some bytes."""
+    out = bytearray(data)
+    way = random.integers(4)
+    at = int(random.integers(max(1, len(out))))
+    if way == 0 and out:
+        out[at] ^= 1 << int(random.integers(8))
+    elif way == 1:
+        del out[at:]
+    elif way == 2:
+        out[at:at] = out[: int(random.integers(64))]
+    else:
+        out[at : at + 8] = random.bytes(8)
+    return bytes(out)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_spoiled_files_end_in_a_report(tmp_path: Path, seed: int) -> None:
+    """Whatever bytes are changed, nothing crashes, and nothing is left unchecked."""
+    random = np.random.default_rng(seed)
+    stores = cases()
+    for number in range(60):
+        store = stores[int(random.integers(len(stores)))]
+        files = [store] if store.is_file() else sorted(p for p in store.rglob("*") if p.is_file())
+        chosen = files[int(random.integers(len(files)))]
+        target = tmp_path / str(number) / store.name
+        for file in files:
+            copy = target if file == store else target / file.relative_to(store)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            data = file.read_bytes()
+            copy.write_bytes(spoil(data, random) if file == chosen else data)
+        report = validate(target, workers=1)
+        assert report.coverage.unchecked == (), f"{chosen}, seed {seed}, number {number}"

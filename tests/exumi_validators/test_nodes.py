@@ -1,0 +1,88 @@
+"""An array is either in the standard's layout, or a rule says that it is not."""
+
+import copy
+import json
+from typing import Any
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from exumi_data.errors import ExumiError
+from exumi_data.store.zarr_document import (
+    ArrayDocument,
+    ForeignLayoutError,
+    array_document,
+    parse_array,
+)
+from exumi_validators.nodes import array_problems, parse_array_node
+
+GOOD: dict[str, Any] = json.loads(
+    array_document(ArrayDocument((100, 7), np.dtype("float64"), 10, 50, zstd=True))
+)
+SHARDING = ("codecs", 0, "configuration")
+PLACES = [
+    ("shape",),
+    ("shape", 0),
+    ("shape", 1),
+    ("data_type",),
+    ("chunk_grid",),
+    ("chunk_grid", "name"),
+    ("chunk_grid", "configuration", "chunk_shape"),
+    ("chunk_grid", "configuration", "chunk_shape", 0),
+    ("chunk_grid", "configuration", "chunk_shape", 1),
+    ("chunk_key_encoding",),
+    ("chunk_key_encoding", "name"),
+    ("chunk_key_encoding", "configuration", "separator"),
+    ("codecs",),
+    ("codecs", 0),
+    ("codecs", 0, "name"),
+    SHARDING,
+    (*SHARDING, "chunk_shape"),
+    (*SHARDING, "chunk_shape", 0),
+    (*SHARDING, "codecs"),
+    (*SHARDING, "codecs", 0),
+    (*SHARDING, "codecs", 0, "configuration"),
+    (*SHARDING, "codecs", 1, "name"),
+    (*SHARDING, "codecs", 1, "configuration"),
+    (*SHARDING, "index_codecs"),
+    (*SHARDING, "index_codecs", 0, "configuration", "endian"),
+    (*SHARDING, "index_codecs", 1),
+    (*SHARDING, "index_location"),
+    ("storage_transformers",),
+]
+VALUES = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-2, 200),
+    st.sampled_from([1 << 40, 1 << 63, "", "big", "start", "gzip", "uint8", "float16", "."]),
+    st.lists(st.integers(-1, 100), max_size=3),
+    st.sampled_from([{}, {"name": "bytes"}, {"name": "regular"}, {"configuration": 3}]),
+)
+
+
+def problems(document: dict[str, Any]) -> list[str]:
+    node = parse_array_node(document, "a")
+    return ["ZARR-001"] if node is None else [found.code for found in array_problems(node)]
+
+
+def test_the_good_one_has_none() -> None:
+    assert problems(GOOD) == []
+
+
+@given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=3))
+def test_what_the_reader_does_not_take_breaks_a_rule(changes: list[tuple[Any, Any]]) -> None:
+    document = copy.deepcopy(GOOD)
+    for place, value in changes:
+        here: Any = document
+        try:
+            for key in place[:-1]:
+                here = here[key]
+            here[place[-1]] = value
+        except (KeyError, IndexError, TypeError):
+            continue  # an earlier change took the place away
+    found = problems(document)
+    try:
+        parse_array(json.dumps(document).encode(), "a")
+    except (ForeignLayoutError, ExumiError):
+        assert found

@@ -1,0 +1,48 @@
+"""What is rendered is what would be rendered now."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from exumi_data.model.schema import DOCUMENTS, json_schema
+
+
+def run(*command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, *command], check=False, capture_output=True, text=True)
+
+
+def test_tables_schemas_and_corpus_are_current(spec: Path) -> None:
+    done = run(str(spec / "generate.py"), "--check")
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_the_schema_is_that_of_the_model(spec: Path, name: str) -> None:
+    path = spec / "schema" / "1.0" / f"{name}.schema.json"
+    assert json.loads(path.read_text("utf-8")) == json_schema(name)
+
+
+def test_the_corpus_is_made_anew_byte_by_byte(spec: Path, corpus: Path, tmp_path: Path) -> None:
+    generate = str(spec / "conformance" / "generate.py")
+    target = tmp_path / "corpus"
+    assert run(generate, "--target", str(target)).returncode == 0
+    assert run(generate, "--check", "--target", str(target)).returncode == 0
+    made = {p.relative_to(target): p.read_bytes() for p in target.rglob("*") if p.is_file()}
+    there = {p.relative_to(corpus): p.read_bytes() for p in corpus.rglob("*") if p.is_file()}
+    assert len(made) > 1000
+    assert made == there
+
+
+def test_a_change_is_found(spec: Path, tmp_path: Path) -> None:
+    generate = str(spec / "conformance" / "generate.py")
+    target = tmp_path / "corpus"
+    run(generate, "--target", str(target))
+    (target / "valid" / "pose__minimal" / "expected.json").write_text("{}")
+    (target / "stray").write_text("")
+    done = run(generate, "--check", "--target", str(target))
+    assert done.returncode == 1
+    assert "stray" in done.stderr
+    assert "pose__minimal/expected.json" in done.stderr
