@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from exumi_data.engine import Outcome, map_items
 from exumi_data.episode import Episode, open_episode
-from exumi_data.errors import ExumiError
+from exumi_data.errors import DamagedDataError, ExumiError, MetadataError
+from exumi_data.model.episode import DerivedItem
 from exumi_data.store.digest import digest_of
 
 if TYPE_CHECKING:
@@ -88,23 +89,31 @@ def list_episodes(root: Path) -> list[str]:
     """List the finished episodes of a dataset, sorted by path.
 
     Names that begin with a dot are half-written or put aside, and are no episodes.
+
+    Raises
+    ------
+    DamagedDataError
+        A folder cannot be read.
     """
     import os  # scandir is an order of magnitude faster than pathlib here
 
     found = []
     base = root / EPISODES_FOLDER
-    if not base.is_dir():
-        return []
-    with os.scandir(base) as folders:
-        for folder in folders:
-            if folder.name.startswith(".") or not folder.is_dir(follow_symlinks=False):
-                continue
-            with os.scandir(folder.path) as entries:
-                found += [
-                    f"{EPISODES_FOLDER}/{folder.name}/{entry.name}"
-                    for entry in entries
-                    if entry.name.endswith(_SUFFIXES) and not entry.name.startswith(".")
-                ]
+    try:
+        if not base.is_dir():
+            return []
+        with os.scandir(base) as folders:
+            for folder in folders:
+                if folder.name.startswith(".") or not folder.is_dir(follow_symlinks=False):
+                    continue
+                with os.scandir(folder.path) as entries:
+                    found += [
+                        f"{EPISODES_FOLDER}/{folder.name}/{entry.name}"
+                        for entry in entries
+                        if entry.name.endswith(_SUFFIXES) and not entry.name.startswith(".")
+                    ]
+    except OSError as error:
+        raise DamagedDataError(f"cannot be read ({error.strerror})", where=base) from error
     return sorted(found)
 
 
@@ -133,10 +142,9 @@ def catalog_row(episode: Episode, path: str) -> dict[str, Any]:
     for name, stream in episode.streams.items():
         time = stream.time
         activity = stream.activity if stream.kind == "tactile" else None
-        above = _DEFAULT_ACTIVE_ABOVE
+        above = 0.0
         if activity is not None and episode.derived is not None:
-            item = episode.derived.items[f"{name}/activity"]
-            above = float(item.parameters.get("active_above", above))
+            above = _active_above(episode.derived.items[f"{name}/activity"], episode.path)
         images = getattr(stream.metadata, "images", None)
         streams.append(
             {
@@ -175,6 +183,13 @@ def catalog_row(episode: Episode, path: str) -> dict[str, Any]:
         "quality": [note.code for note in meta.quality],
         "streams": streams,
     }
+
+
+def _active_above(item: DerivedItem, where: str) -> float:
+    value = item.parameters.get("active_above", _DEFAULT_ACTIVE_ABOVE)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise MetadataError(f"active_above is {value!r}, not a number", where=f"{where}/derived")
+    return value
 
 
 def _row_of(path: str, *, root: str) -> dict[str, Any]:

@@ -246,12 +246,13 @@ def open_dataset(path: str | os.PathLike[str]) -> Dataset:
     present = catalogs.list_episodes(root)
     known = [] if table is None else table.column("path").to_pylist()
     if table is None or sorted(known) != present:
-        warnings.warn(
-            f"{root}: the catalog is {'missing' if table is None else 'stale'} and was built in "
-            f"memory. Write it with: exumi index {root}",
-            CatalogWarning,
-            stacklevel=3,
-        )
+        if known or present:
+            warnings.warn(
+                f"{root}: the catalog is {'missing' if table is None else 'stale'} and was built "
+                f"in memory. Write it with: exumi index {root}",
+                CatalogWarning,
+                stacklevel=3,
+            )
         new = [p for p in present if p not in set(known)]
         added, failed = catalogs.build_catalog(root, paths=new)
         if failed:
@@ -285,6 +286,11 @@ def _check_ids(root: Path, table: "pa.Table") -> None:
         paths[episode_id] = path
 
 
+def _is_foreign(entry: Path) -> bool:
+    """Whether an entry is none that a dataset has before its document: another may be making it."""
+    return entry.name != "episodes" and not entry.name.startswith(".partial-")
+
+
 def create_dataset(path: str | os.PathLike[str], metadata: DatasetMetadata) -> Path:
     """Make a dataset folder, or take up an existing one of the same name.
 
@@ -306,7 +312,7 @@ def create_dataset(path: str | os.PathLike[str], metadata: DatasetMetadata) -> P
     document = root / DATASET_DOCUMENT
     if document.exists():
         return root
-    if root.exists() and (not root.is_dir() or any(root.iterdir())):
+    if root.exists() and (not root.is_dir() or any(map(_is_foreign, root.iterdir()))):
         raise UsageError(
             "exists and is no exUMI dataset",
             where=root,

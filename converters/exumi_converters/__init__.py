@@ -2,12 +2,11 @@
 
 >>> from exumi_converters import ConvertOptions, convert, prepare
 >>> report = convert("videos", "my-dataset", from_format="octopi")  # doctest: +SKIP
->>> prepare("my-dataset", "my-training-set", size=224, gray=True)  # doctest: +SKIP
+>>> training = prepare("my-dataset", "my-training-set", size=224, gray=True)  # doctest: +SKIP
 """
 
 from exumi_converters.conversion import convert
 from exumi_converters.converter import (
-    Converter,
     ConvertOptions,
     Discovery,
     EpisodeSource,
@@ -22,7 +21,6 @@ __all__ = [
     "FORMATS",
     "ConversionReport",
     "ConvertOptions",
-    "Converter",
     "Discovery",
     "EpisodeSource",
     "Failure",

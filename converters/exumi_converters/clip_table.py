@@ -102,6 +102,11 @@ def _rows(path: Path, limit: int | None = None) -> list[list[str]]:
     if not rows:
         raise SourceError("the table is empty", where=path, fix=_FIX)
     header = rows[0]
+    separator = next((mark for mark in ";\t|" if mark in header[0]), None)
+    if len(header) == 1 and separator is not None:
+        raise SourceError(
+            f"the columns are separated by {separator!r}, not by commas", where=path, fix=_FIX
+        )
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
         raise SourceError(f"column {twice[0]!r} for the second time", where=path, fix=_FIX)

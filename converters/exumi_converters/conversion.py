@@ -1,5 +1,6 @@
 """Files of other formats become the episodes of a dataset."""
 
+import re
 import time
 from collections.abc import Callable
 from functools import partial
@@ -20,7 +21,9 @@ from exumi_data import __version__
 from exumi_data.engine import warm_up
 from exumi_data.errors import UsageError
 from exumi_data.model import DatasetMetadata, EpisodeMetadata, MadeBy, Source
+from exumi_data.model.base import STREAM_NAME
 from exumi_data.model.documents import dump
+from exumi_data.time import parse_rate
 
 __all__ = ["TOOL", "convert"]
 
@@ -69,6 +72,7 @@ def convert(
     if from_format not in known:
         raise UsageError(f"Invalid format ({from_format}). Supported values are {', '.join(known)}")
     converter = known[from_format]
+    _check_options(options)
     source, destination = Path(source), Path(destination)
     discovery = converter.discover(source, options)
     _check_keys(discovery, source)
@@ -103,6 +107,20 @@ def convert(
             seconds=run.seconds,
             converter=_versioned(converter),
             layout=discovery.layout,
+        )
+
+
+def _check_options(options: ConvertOptions) -> None:
+    """Refuse an option that makes no sense before anything is written."""
+    if options.rate is not None:
+        try:
+            parse_rate(options.rate)
+        except ValueError as error:
+            raise UsageError(f"Invalid rate ({options.rate}): {error}") from None
+    if not re.fullmatch(STREAM_NAME, options.stream):
+        raise UsageError(
+            f"Invalid stream name ({options.stream})",
+            fix="Use lower-case letters, digits and _, beginning with a letter.",
         )
 
 

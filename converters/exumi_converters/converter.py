@@ -173,6 +173,11 @@ class Converter(Protocol):
     def discover(self, source: Path, options: ConvertOptions) -> Discovery:
         """Find the episodes of a source. Reads names, headers and tables, no frames.
 
+        Parameters
+        ----------
+        source : pathlib.Path
+        options : ConvertOptions
+
         Raises
         ------
         UsageError, SourceError
@@ -184,6 +189,12 @@ class Converter(Protocol):
         """Write the streams of one episode, and add to ``writer.metadata`` what only the data tell.
 
         The caller has set id, task, annotations, source and licence, and finishes the episode.
+
+        Parameters
+        ----------
+        item : EpisodeSource
+            As `discover` returned it, possibly in another process.
+        writer : EpisodeWriter
 
         Returns
         -------

@@ -69,7 +69,8 @@ def detect_layout(root: Path) -> Layout:
         )
     entries = sorted(path for path in root.iterdir() if not path.name.startswith("."))
     folders = [path for path in entries if path.is_dir()]
-    videos = [path for path in entries if path.is_file() and probe_video(path.name)]
+    # A link that leads nowhere is a clip that cannot be read, and fails by its name.
+    videos = [path for path in entries if not path.is_dir() and probe_video(path.name)]
     datasets = [path for path in folders if path.name in _DATASETS]
     base = root / "samples" if (root / "samples").is_dir() else root
     samples = sorted(path.parent for path in base.glob("*/data.json"))

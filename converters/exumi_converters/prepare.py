@@ -120,6 +120,7 @@ def prepare(
     parents = _find_parents(source)
     splits = _read_splits(source)
     metadata = _dataset_metadata(source, destination, settings)
+    _refuse_other_settings(destination, settings)
     with opened_run(destination, metadata, workers, on_progress, began) as run:
         function = partial(_prepare_one, root=run.root, settings=settings)
         run.work(function, parents, _name)
@@ -138,6 +139,24 @@ def prepare(
             frames=run.frames,
             seconds=run.seconds,
             settings=settings.to_json(),
+        )
+
+
+def _refuse_other_settings(destination: Path, settings: PrepareSettings) -> None:
+    """Keep one training set to one sort of frames: every clip would be in it twice."""
+    document = destination / DATASET_DOCUMENT
+    if not document.is_file():
+        return
+    made_by = parse_dataset(document.read_bytes(), document).made_by
+    found = (made_by.settings if made_by else None) or {}
+    wanted = {"converter": _CONVERTER, **settings.to_json()}
+    if found.get("converter") == _CONVERTER and found != wanted:
+        differing = [key for key in wanted if found.get(key) != wanted[key]]
+        said = ", ".join(f"{key} {found.get(key)} (now {wanted[key]})" for key in differing)
+        raise UsageError(
+            f"was prepared with other settings: {said}",
+            where=destination,
+            fix="Name another folder, or remove this one first.",
         )
 
 

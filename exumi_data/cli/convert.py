@@ -28,9 +28,7 @@ class _Kind(StrEnum):
 
 
 def run(  # noqa: PLR0913, PLR0917  # options of the command line
-    source: Annotated[
-        Path, typer.Argument(metavar="SRC", help="File or folder to convert. Only read.")
-    ],
+    source: Annotated[Path, typer.Argument(metavar="SRC", help="Folder to convert. Only read.")],
     destination: Annotated[
         Path,
         typer.Argument(

@@ -17,12 +17,16 @@ from pydantic_core.core_schema import ValidationInfo
 
 __all__ = [
     "EXTENSION_KEY",
+    "STREAM_NAME",
     "WHOLE_NUMBER",
     "ArrayName",
+    "Count",
     "EpisodeId",
     "ExtensionKind",
     "Identifier",
+    "Int64",
     "Model",
+    "Positive",
     "Rational",
     "Sha256",
     "StreamName",
@@ -35,8 +39,9 @@ EXTENSION_KEY = r"^[a-z][a-z0-9-]*:[A-Za-z][A-Za-z0-9_.-]*$"
 
 _EXTENSION_KEY = re.compile(EXTENSION_KEY)
 
-StreamName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
-ArrayName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+STREAM_NAME = r"^[a-z][a-z0-9_]{0,63}$"
+StreamName = Annotated[str, StringConstraints(pattern=STREAM_NAME)]
+ArrayName = Annotated[str, StringConstraints(pattern=STREAM_NAME)]
 ExtensionKind = Annotated[str, StringConstraints(pattern=EXTENSION_KEY)]
 Identifier = Annotated[str, StringConstraints(pattern=r"^\S(.{0,253}\S)?$")]
 EpisodeId = Annotated[
@@ -109,5 +114,7 @@ def _whole_number(value: Any) -> Any:
 WHOLE_NUMBER = BeforeValidator(_whole_number)
 """For a `Literal` of integers, which would take ``true`` for 1 and 3.0 for 3."""
 
-NonNegative = Annotated[int, Field(ge=0)]
-Positive = Annotated[int, Field(gt=0)]
+Int64 = Annotated[int, Field(ge=-(2**63), le=2**63 - 1)]
+"""What a 64-bit integer holds: times in ns, and what becomes a column of the catalog."""
+Count = Annotated[int, Field(ge=0, le=2**63 - 1)]
+Positive = Annotated[int, Field(ge=1, le=2**63 - 1)]

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from exumi_data.model.base import Identifier, Model
+from exumi_data.model.base import Identifier, Int64, Model
 
 __all__ = ["STAMP_POINTS", "Clock", "Gap", "StampPoint"]
 
@@ -34,12 +34,12 @@ class Clock(Model):
     """Name of the clock, such as ``hub_monotonic``, ``container`` or ``none``."""
     stamp_point: StampPoint
     """Where on its way the sample was stamped; ``nominal_rate`` means no stamp was measured."""
-    t_ref_ns: int = 0
-    offset_ns: int = 0
+    t_ref_ns: Int64 = 0
+    offset_ns: Int64 = 0
     offset_sigma_ns: Annotated[float, Field(ge=0)] | None = None
     drift_ppm: Annotated[float, Field(gt=-1e5, lt=1e5)] = 0.0
     drift_sigma_ppm: Annotated[float, Field(ge=0)] | None = None
-    latency_ns: int = 0
+    latency_ns: Int64 = 0
     latency_sigma_ns: Annotated[float, Field(ge=0)] | None = None
     raw_time: Literal["time_host", "time_device"] | None = None
     """The raw time array that ``time`` was computed from."""

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from exumi_data.model.base import Identifier, Model, Sha256, StreamName, Timestamp
+from exumi_data.model.base import Count, Identifier, Int64, Model, Sha256, StreamName, Timestamp
 
 __all__ = [
     "Annotations",
@@ -77,8 +77,8 @@ class Segment(Model):
     """A named stretch of time."""
 
     name: Identifier
-    start_ns: int
-    end_ns: int
+    start_ns: Int64
+    end_ns: Int64
 
 
 class Annotations(Model):
@@ -89,7 +89,7 @@ class Annotations(Model):
     part_id: Identifier | None = None
     part: str | None = None
     instance_id: Identifier | None = None
-    trial: Annotated[int, Field(ge=0)] | None = None
+    trial: Count | None = None
     procedure: Identifier | None = None
     """Exploratory procedure, such as press, slide or twist."""
     pad_type: Literal["plain", "dotted"] | None = None

@@ -4,7 +4,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from exumi_data.model.base import EpisodeId, Identifier, Model, StreamName, Timestamp, Version
+from exumi_data.model.base import (
+    EpisodeId,
+    Identifier,
+    Model,
+    Positive,
+    StreamName,
+    Timestamp,
+    Version,
+)
 from exumi_data.model.description import (
     Annotations,
     CalibrationItem,
@@ -46,7 +54,7 @@ class EpisodeMetadata(Model):
     format: Literal["exumi-episode"] = "exumi-episode"
     version: Version = FORMAT_VERSION
     id: EpisodeId
-    revision: Annotated[int, Field(ge=1)] = 1
+    revision: Positive = 1
     """Counts changes outside ``derived/``."""
     requires: list[Identifier] = []
     """Features without which the episode would be misread: a reader refuses unknown ones."""

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from exumi_data.model.base import WHOLE_NUMBER, Identifier, Model, Rational, Sha256
+from exumi_data.model.base import WHOLE_NUMBER, Identifier, Int64, Model, Rational, Sha256
 
 __all__ = ["ArrayImages", "EncodedImages", "Images", "VideoFile", "VideoImages"]
 
@@ -45,7 +45,7 @@ class VideoFile(Model):
     pixel_format: Identifier | None = None
     time_base: Rational
     """Seconds per unit of ``pts``."""
-    start_ns: int = 0
+    start_ns: Int64 = 0
     """``time`` of the frame whose pts is 0: ``time = start_ns + pts·time_base``."""
     sha256: Sha256
     bytes: Annotated[int, Field(ge=1)]

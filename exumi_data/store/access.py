@@ -169,13 +169,19 @@ class FolderStore:
             part = "/".join(parts[:depth])
             if part in self._folders:
                 continue
-            try:
-                mode = os.lstat(f"{self.location}/{part}").st_mode
-            except NotADirectoryError:
-                raise FileNotFoundError(path) from None
-            if stat.S_ISLNK(mode):
-                raise _link_error(part, self.location)
+            self._stat(part)
             self._folders.add(part)
+
+    def _stat(self, path: str) -> os.stat_result:
+        try:
+            info = os.lstat(f"{self.location}/{path}")
+        except (FileNotFoundError, NotADirectoryError):
+            raise FileNotFoundError(path) from None
+        except OSError as error:
+            raise _unreadable(f"{self.location}/{path}", error) from error
+        if stat.S_ISLNK(info.st_mode):
+            raise _link_error(path, self.location)
+        return info
 
     def _file(self, path: str) -> _OpenFile:
         self._check(path)
@@ -213,12 +219,7 @@ class FolderStore:
     def size(self, path: str) -> int:
         """Return a file's size in bytes."""
         self._check(path)
-        try:
-            info = os.lstat(f"{self.location}/{path}")
-        except NotADirectoryError:
-            raise FileNotFoundError(path) from None
-        if stat.S_ISLNK(info.st_mode):
-            raise _link_error(path, self.location)
+        info = self._stat(path)
         if not stat.S_ISREG(info.st_mode):
             raise FileNotFoundError(path)
         return info.st_size

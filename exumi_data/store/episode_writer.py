@@ -186,7 +186,14 @@ class EpisodeWriter:
         self._streams[name] = CopiedStream(folder, episode.store, f"streams/{name}", model)
 
     def copy_group(self, episode: "Episode", name: Literal["calibration", "annotations"]) -> None:
-        """Take over the arrays that another episode keeps beside its streams, byte for byte."""
+        """Take over the arrays that another episode keeps beside its streams, byte for byte.
+
+        Parameters
+        ----------
+        episode : Episode
+            The other episode.
+        name : {"calibration", "annotations"}
+        """
         self._check_open()
         copy_files(episode.store, name, self._partial / name)
 

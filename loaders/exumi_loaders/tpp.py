@@ -14,6 +14,7 @@ from exumi_data.errors import UsageError
 from exumi_data.splits import split_ids
 from exumi_data.ticks import DEFAULT_TICK_S
 from exumi_loaders.actions import relative_actions
+from exumi_loaders.buffers import BatchBuffers
 from exumi_loaders.draws import history_steps
 from exumi_loaders.readers import FrameReaders
 from exumi_loaders.sampler import WindowIndex, WindowSampler
@@ -179,6 +180,7 @@ class TPPWindows(Dataset[Item]):
         }
         self._anchors, self._episode = _anchors(self.timeline.edges, edges, stride)
         self._readers = FrameReaders(dataset, self.timeline.encodings)
+        self._buffers = BatchBuffers()
 
     def __len__(self) -> int:
         return len(self._anchors)
@@ -302,11 +304,10 @@ class TPPWindows(Dataset[Item]):
         size = (height, width, self._channels[name])
         # One buffer for the batch, in the order that JPEG decoders write: torch sees it as
         # channels-last images without a copy.
-        buffer = torch.empty((*frames.shape, *size), dtype=torch.uint8)
-        out = buffer.numpy()
-        has_reference = self.layout.references.get(name, False)
-        references = torch.empty((len(frames), *size), dtype=torch.uint8) if has_reference else None
-        reference_out = None if references is None else references.numpy()
+        buffer, out = self._buffers.take((*frames.shape, *size))
+        references = reference_out = None
+        if self.layout.references.get(name, False):
+            references, reference_out = self._buffers.take((len(frames), *size))
         complete = np.asarray((frames >= 0).all(axis=1))
         for position, (number, wanted) in enumerate(zip(episode, frames, strict=True)):
             source, reference = self._readers.get(int(number), name)

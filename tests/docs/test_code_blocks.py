@@ -30,7 +30,7 @@ def press(number: int, frames: int = 60) -> np.ndarray:
     blob = np.exp(-((x - 40) ** 2 + (y - 30) ** 2) / (60 + 40 * number))
     shade = depth[:, None, None] * blob * 70
     base = np.stack((100 + x / 4, 110 + y / 4, 120 - x / 4), axis=-1)
-    return np.clip(base + shade[..., None], 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(base + shade[..., None], 0, 255), np.uint8)
 
 
 @pytest.fixture(scope="module")

@@ -187,6 +187,7 @@ def test_orphans_and_foreign_files_are_named(grasps: Path, run: Run) -> None:
         (table(20).replace("\n4,", "\n5,"), "row 5: frame is '5', expected 4"),
         (table(20).replace("width_m", "force_N"), "column 'force_N' for the second time"),
         ("", "the table is empty"),
+        (table(20).replace(",", ";"), "the columns are separated by ';', not by commas"),
     ],
 )
 def test_a_table_that_is_wrong_fails_by_name_and_nothing_is_written(
@@ -260,7 +261,13 @@ def test_options_that_make_no_sense_are_refused(grasps: Path, tmp_path: Path) ->
     assert not (tmp_path / "out").exists()
 
 
-def test_a_stream_name_that_is_none_fails_with_its_reason(grasps: Path, run: Run) -> None:
-    report, _ = run(grasps, "clips", stream="../evil")
-    assert len(report.failed) == 3
-    assert "'../evil' is no name" in report.failed[0].reason
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"stream": "../evil"}, "stream name"), ({"rate": "abc"}, "rate"), ({"rate": "0"}, "rate")],
+)
+def test_an_option_that_is_none_is_refused_before_anything_is_written(
+    grasps: Path, run: Run, tmp_path: Path, options: dict[str, str], message: str
+) -> None:
+    with pytest.raises(UsageError, match=f"Invalid {message}"):
+        run(grasps, "clips", **options)
+    assert not (tmp_path / "out").exists()

@@ -25,13 +25,14 @@ class Member:
         As it is stored.
     local : str or None
         What is wrong with the local header.
-    end : int
-        Where the member's bytes end in the file.
+    start, end : int
+        Where the member's bytes begin and end in the file.
     """
 
     info: zipfile.ZipInfo
     name: str
     local: str | None
+    start: int
     end: int
 
     @property
@@ -50,10 +51,19 @@ class ArchiveContext:
         Why the directory cannot be read.
     members : tuple of Member
         In the order of the directory.
+    path : str
+        Of the zip.
+    directory : int
+        Where the directory begins.
+    comment : bytes
+        What follows the directory.
     """
 
     mistake: str | None
     members: tuple[Member, ...] = ()
+    path: str = ""
+    directory: int = 0
+    comment: bytes = b""
 
 
 def read_archive(path: str | os.PathLike[str]) -> ArchiveContext:
@@ -66,11 +76,13 @@ def read_archive(path: str | os.PathLike[str]) -> ArchiveContext:
     try:
         with zipfile.ZipFile(path) as archive:
             infos = archive.infolist()
+            directory, comment = archive.start_dir, archive.comment
     except (zipfile.BadZipFile, ValueError, OverflowError, NotImplementedError) as error:
         return ArchiveContext(f"not a readable zip: {error}")
     with Path(path).open("rb") as file:
         size = os.fstat(file.fileno()).st_size
-        return ArchiveContext(None, tuple(_member(file.fileno(), info, size) for info in infos))
+        members = tuple(_member(file.fileno(), info, size) for info in infos)
+    return ArchiveContext(None, members, os.fspath(path), directory, comment)
 
 
 def _member(descriptor: int, info: zipfile.ZipInfo, size: int) -> Member:
@@ -78,11 +90,12 @@ def _member(descriptor: int, info: zipfile.ZipInfo, size: int) -> Member:
     start = info.header_offset
     raw = os.pread(descriptor, _LOCAL_HEADER.size, start) if start >= 0 else b""
     if len(raw) < _LOCAL_HEADER.size:
-        return Member(info, name, "there is no local header where the directory says", start)
+        return Member(info, name, "there is no local header where the directory says", start, start)
     fields = _LOCAL_HEADER.unpack(raw)
     name_length, extra_length = fields[9], fields[10]
     local_name = os.pread(descriptor, name_length, start + _LOCAL_HEADER.size)
-    end = start + _LOCAL_HEADER.size + name_length + extra_length + info.compress_size
+    first = start + _LOCAL_HEADER.size + name_length + extra_length
+    end = first + info.compress_size
     mistake = None
     if fields[0] != _LOCAL_SIGNATURE:
         mistake = "there is no local header where the directory says"
@@ -90,9 +103,11 @@ def _member(descriptor: int, info: zipfile.ZipInfo, size: int) -> Member:
         mistake = "the local header has another name"
     elif fields[8] not in (info.file_size, 0xFFFFFFFF):
         mistake = "the local header has another size"
+    elif fields[6] != info.CRC:
+        mistake = "the local header has another checksum"
     elif end > size:
         mistake = "it lies beyond the end of the file"
-    return Member(info, name, mistake, end)
+    return Member(info, name, mistake, first, end)
 
 
 def _encodings(name: str) -> set[bytes]:

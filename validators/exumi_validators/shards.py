@@ -41,7 +41,7 @@ def judge_shards(episode: HasFiles, path: str, document: ArrayDocument) -> Itera
     Yields
     ------
     Problem
-        Of the rules SHARD-001 to 004.
+        Of the rules SHARD-001 to 004, and SHARD-006.
     """
     present = _present(episode.listing, path, document)
     missing = document.shards - len(present)
@@ -101,8 +101,25 @@ def _judge_shard(
     if outside.any():
         detail = f"inner chunk {int(outside.argmax())} lies outside the shard"
         yield problem("SHARD-002", file, detail=detail)
-    elif not document.zstd:
+        return
+    if not document.zstd:
         yield from _judge_order(file, index, document.chunk_bytes)
+    yield from _judge_body(file, index, size - length)
+
+
+def _judge_body(file: str, index: np.ndarray, body: int) -> Iterator[Problem]:
+    """Judge that the chunks fill the shard: bytes of no chunk, or of two, are damage."""
+    in_order = index[np.argsort(index[:, 0], kind="stable")].astype(np.int64)
+    ends = in_order.sum(axis=1)
+    starts = np.append(in_order[:, 0], body)
+    expected = np.concatenate((np.zeros(1, np.int64), ends))
+    wrong = starts != expected
+    if wrong.any():
+        at = int(expected[int(wrong.argmax())])
+        detail = f"the bytes from {at} on belong to no inner chunk"
+        if int(starts[int(wrong.argmax())]) < at:
+            detail = f"the bytes before {at} belong to two inner chunks"
+        yield problem("SHARD-006", file, detail=detail)
 
 
 def _judge_order(file: str, index: np.ndarray, chunk_bytes: int) -> Iterator[Problem]:

@@ -60,6 +60,13 @@ def _shard_cases() -> Iterator[Case]:
     draft.blobs[frames] = _shard_of(body, index)
     at = Finding("SHARD-004", frames, index=1)
     yield case("SHARD-004__swapped", "Two chunks in the wrong order.", draft, at)
+
+
+def _chunk_cases() -> Iterator[Case]:
+    draft = bases.poses()
+    draft.blobs[SHARD] = draft.blobs[SHARD][:-20] + b"free" + draft.blobs[SHARD][-20:]
+    at = Finding("SHARD-006", SHARD)
+    yield case("SHARD-006__four_bytes", "Four bytes too many.", draft, at)
     draft = bases.poses()
     shard = bytearray(draft.blobs[SHARD])
     shard[40] ^= 1
@@ -204,6 +211,7 @@ def _frame_cases() -> Iterator[Case]:
 def array_cases() -> Iterator[Case]:
     """Yield the cases of the level of arrays."""
     yield from _shard_cases()
+    yield from _chunk_cases()
     yield from _time_cases()
     yield from _value_cases()
     yield from _frame_cases()

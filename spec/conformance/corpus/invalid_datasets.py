@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from corpus.case import Case, Finding
 from corpus.datasets import EGG, RICE, dataset, episode, episodes, place, split_by_part, zipped
 
@@ -107,14 +109,10 @@ def _catalog_cases() -> Iterator[Case]:
     yield dataset("CAT-003__revision", "A revision is not listed.", at, replace=files)
     at = Finding("CAT-004", CATALOG, index=0)
     draft = episode(EGG, "egg")
-    shard = draft.blobs["streams/width/time/c/0"]
-    files = {f"{place(EGG)}/streams/width/time/c/0": _other_bytes(shard)}
+    draft.put("streams/width/data", np.array([0.0, 0.02], dtype=np.float32))
+    shard = "streams/width/data/c/0"
+    files = {f"{place(EGG)}/{shard}": draft.blobs[shard]}
     yield dataset("CAT-004__changed", "Other bytes than were listed.", at, replace=files)
-
-
-def _other_bytes(shard: bytes) -> bytes:
-    """Return a shard with the same chunk and index, and two bytes between them."""
-    return shard[:-20] + b"\0\0" + shard[-20:]
 
 
 def dataset_cases() -> Iterator[Case]:

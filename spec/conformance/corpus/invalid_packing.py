@@ -43,6 +43,13 @@ def packing_cases() -> Iterator[Case]:
     data = whole[:place] + b"streams/pose/DATA/c/0/0" + whole[place + 23 :]
     at = Finding("PACK-007", WHOLE, index=count - 2)
     yield packed("PACK-007__two_names", "Two names for one member.", data, at)
+    at = Finding("PACK-008", WHOLE)
+    about = "A program before the zip."
+    yield packed("PACK-008__prefix", about, b"#!/bin/sh\n" + whole, at)
+    place = whole.index(b"press the gel")
+    data = whole[:place] + b"crush the gel" + whole[place + 13 :]
+    at = Finding("PACK-009", WHOLE, index=0)
+    yield packed("PACK-009__crushed", "Metadata changed within the zip.", data, at)
     data = as_zip([*_members(), ("../../evil.txt", b"gotcha")])
     at = Finding("SAFE-001", WHOLE, index=count)
     yield packed("SAFE-001__parent_folder", "A name that leads out.", data, at)

@@ -439,7 +439,7 @@ REMOVED = object()
 
 VALID = [
     *changes("id", "0190a1b2-0000-7000-8000-000000000000"),
-    *changes("revision", 1, 10**20, REMOVED),
+    *changes("revision", 1, 2**63 - 1, REMOVED),
     *changes("requires", []),
     *changes("start", None, "1999-12-31T23:59:60Z", "2025-01-01T00:00:00.1Z", REMOVED),
     *changes("task.name", "a", "ä b", "x" * 255),
@@ -450,7 +450,7 @@ VALID = [
     *changes("streams.pose.nominal_rate", "30", "60000/1001", None),
     *changes("streams.pose.gaps", [], None, [{"after": 0}]),
     *changes("streams.pose.clock.drift_ppm", 0, -5.5, 99999.9),
-    *changes("streams.pose.clock.offset_ns", -(10**18)),
+    *changes("streams.pose.clock.offset_ns", -(2**63)),
     *changes("streams.pose.clock.raw_time", "time_host", None),
     *changes("streams.taxels.grid", [1, 4096]),
     *changes("streams.taxels.sign", -1, 1),
@@ -463,7 +463,7 @@ VALID = [
 
 INVALID = [
     *changes("id", "", 3, None, "0190A1B2-0000-7000-8000-000000000000", "x" * 36, REMOVED),
-    *changes("revision", 0, -1, 1.5, "1", True, None),
+    *changes("revision", 0, -1, 1.5, 2**63, "1", True, None),
     *changes("start", "2025-01-01", "2025-01-01T00:00:00", "2025-01-01T00:00:00+01:00", 3),
     *changes("start", "2025-13-01T00:00:00Z", "2025-01-01T24:00:00Z", "2025-01-01t00:00:00Z"),
     *changes("start", "2025-01-01T00:00:00.1234567890Z", "٢٠٢٥-01-01T00:00:00Z", ""),
@@ -502,7 +502,8 @@ INVALID = [
     *changes("streams.gopro.images.files", None, [{}]),
     *changes("streams.smell.extension_version", REMOVED),
     *changes("streams.smell.schema_url", "ftp://x", REMOVED),
-    *changes("annotations.trial", -1, 1.5),
+    *changes("streams.pose.clock.offset_ns", -(2**63) - 1, 10**400),
+    *changes("annotations.trial", -1, 1.5, 2**63),
     *changes("annotations.pad_type", "soft"),
     *changes("annotations.labels.0.value", True, {}, [1]),
     *changes("annotations.labels.0.scale", [1], [1, 2, 3], ["a", "b"]),
@@ -573,7 +574,7 @@ def places_in(document: Any, place: tuple[Any, ...] = ()) -> list[tuple[Any, ...
     return [place, *(p for key, value in inside for p in places_in(value, (*place, key)))]
 
 
-@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_model_and_schema_agree_on_any_change(full: Any, data: st.DataObject) -> None:
     skipped = {"format", "version", "requires"}  # the reader looks at them before the model does

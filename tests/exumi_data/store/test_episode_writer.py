@@ -370,7 +370,7 @@ frame = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
 file = jpeg.encode(frame, 95)
 
 def write(count, **options):
-    with EpisodeWriter(path, metadata, **options) as writer:
+    with EpisodeWriter(path, metadata, durable=False, **options) as writer:
         raw, encoded = images(writer)
         writer.add_stream("width", kind="width", clock=clock).append(range(1000), np.zeros(1000))
         writer.add_derived("raw", "salient", np.arange(9), algorithm="x/1")

@@ -33,7 +33,7 @@ _NORM_TOLERANCE = 1e-3
 _WIDTH_TOLERANCE_M = 1e-3
 
 
-@check("SHARD-001", "SHARD-002", "SHARD-003", "SHARD-004")
+@check("SHARD-001", "SHARD-002", "SHARD-003", "SHARD-004", "SHARD-006")
 def shards(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that shards and inner chunks are there."""
     for path in episode.array_nodes:

@@ -42,10 +42,15 @@ def activity_parameters(episode: EpisodeContext) -> Iterator[Problem]:
     for key, item in episode.derived.items():
         if not key.endswith("/activity"):
             continue
-        lacking = [name for name in _ACTIVITY_PARAMETERS if name not in item.parameters]
+        stated = {key for key, value in item.parameters.items() if _is_number(value)}
+        lacking = [name for name in _ACTIVITY_PARAMETERS if name not in stated]
         if lacking:
             pointer = (*EXUMI, "items", key, "parameters")
             yield problem("DRV-006", _DOCUMENT, pointer=pointer, expected=", ".join(lacking))
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 @check("DRV-004")

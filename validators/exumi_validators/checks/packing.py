@@ -1,6 +1,9 @@
 """Packed episodes: what the zip's directory may hold."""
 
+import zlib
 from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
 
 from exumi_data.errors import DamagedDataError
 from exumi_data.store.pack import packing_order
@@ -11,11 +14,13 @@ from exumi_validators.registry import check
 from exumi_validators.report import Problem
 
 __all__ = [
+    "checksums",
     "dates",
     "folders",
     "links",
     "local_headers",
     "names",
+    "nothing_else",
     "once",
     "order",
     "readable",
@@ -26,6 +31,7 @@ _WHOLE = "."
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _ENCRYPTED = 0x1
 _DATA_DESCRIPTOR = 0x8
+_PIECE = 1 << 20
 
 
 def _is_folder(member: Member) -> bool:
@@ -133,3 +139,42 @@ def local_headers(archive: ArchiveContext) -> Iterator[Problem]:
             yield problem("PACK-007", _WHOLE, index=index, found=member.name, detail=mistake)
         last = max(last, member.end)
         seen[start] = member.name
+
+
+@check("PACK-008")
+def nothing_else(archive: ArchiveContext) -> Iterator[Problem]:
+    """Judge that every byte belongs to a member or to the directory."""
+    if archive.mistake is not None or any(local_headers(archive)) or any(once(archive)):
+        return
+    last = 0
+    for member in sorted(archive.members, key=lambda member: member.info.header_offset):
+        if member.info.header_offset > last:
+            break
+        last = member.end
+    if last < archive.directory:
+        detail = f"the bytes from {last} on belong to no member"
+        yield problem("PACK-008", _WHOLE, detail=detail)
+    elif archive.comment:
+        yield problem("PACK-008", _WHOLE, detail="the zip has a comment")
+
+
+@check("PACK-009")
+def checksums(archive: ArchiveContext) -> Iterator[Problem]:
+    """Read every member and judge its checksum."""
+    if archive.mistake is not None or any(local_headers(archive)) or any(stored(archive)):
+        return
+    with Path(archive.path).open("rb") as file:
+        for index, member in enumerate(archive.members):
+            if _crc32(file, member) != member.info.CRC:
+                yield problem("PACK-009", _WHOLE, index=index, found=member.name)
+
+
+def _crc32(file: BinaryIO, member: Member) -> int:
+    file.seek(member.start)
+    left, value = member.end - member.start, 0
+    while left:
+        piece = file.read(min(left, _PIECE))
+        if not piece:
+            return -1
+        value, left = zlib.crc32(piece, value), left - len(piece)
+    return value
