@@ -67,10 +67,14 @@ class FramePixels:
         out[:] = pixels
 
 
+# A playlist or a list of files under a video's name would make FFmpeg open what it names.
+_CONTAINERS_ONLY = {"format_whitelist": "mov,avi,matroska,webm"}
+
+
 def _open(source: bytes | str | IO[bytes], where: object) -> Any:
     file = io.BytesIO(source) if isinstance(source, bytes) else source
     try:
-        container = av.open(file)
+        container = av.open(file, options=_CONTAINERS_ONLY)
     except (av.FFmpegError, OSError, ValueError) as error:
         raise SourceError(
             f"not a readable video ({_short(error)})",

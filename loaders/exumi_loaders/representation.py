@@ -40,7 +40,18 @@ class TactileRepresentation(nn.Module):
         return f"gain={self.gain}"
 
     def grey(self, images: Tensor) -> Tensor:
-        """Turn uint8 (..., 1|3, H, W) into float32 grey (..., H, W) in [0, 1]."""
+        """Turn images into grey.
+
+        Parameters
+        ----------
+        images : Tensor
+            uint8 (..., 1|3, H, W).
+
+        Returns
+        -------
+        Tensor
+            float32 (..., H, W) in [0, 1].
+        """
         if images.shape[-3] == 1:
             return images.squeeze(-3).float().div_(255)
         return (images.float() * self.weights).sum(-3).div_(255)

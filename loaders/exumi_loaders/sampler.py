@@ -68,7 +68,12 @@ class WindowSampler(Sampler[WindowIndex]):
         self._start = 0
 
     def order(self, epoch: int) -> np.ndarray:
-        """Return the window indices of an epoch, (M,) int64."""
+        """Return the window indices of an epoch, (M,) int64.
+
+        Parameters
+        ----------
+        epoch : int
+        """
         indices = np.arange(len(self._windows))
         if self._reject:
             drawn = uniform(self._seed, np.full(len(indices), epoch), indices, purpose=_REJECTION)
@@ -91,7 +96,12 @@ class WindowSampler(Sampler[WindowIndex]):
         self._start = 0
 
     def set_epoch(self, epoch: int) -> None:
-        """Go to the beginning of an epoch."""
+        """Go to the beginning of an epoch.
+
+        Parameters
+        ----------
+        epoch : int
+        """
         self.epoch = epoch
         self._start = 0
 
@@ -108,6 +118,11 @@ class WindowSampler(Sampler[WindowIndex]):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a state: the next window is the one after those consumed.
+
+        Parameters
+        ----------
+        state : dict
+            Of `state_dict`.
 
         Raises
         ------

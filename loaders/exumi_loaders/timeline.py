@@ -67,13 +67,25 @@ class TimelineSettings:
                 raise UsageError(f"{name} is {value}, not positive")
 
     def tolerance_ns(self, time_ns: np.ndarray) -> int:
-        """Return the image tolerance for a stream."""
+        """Return the image tolerance for a stream, nanoseconds.
+
+        Parameters
+        ----------
+        time_ns : (N,) int64
+            The stream's times.
+        """
         if self.image_tolerance_s is not None:
             return round(self.image_tolerance_s * 1e9)
         return image_tolerance_ns(time_ns, self.tick_s)
 
     def gap_ns(self, time_ns: np.ndarray) -> int:
-        """Return the longest interpolated stretch for a stream."""
+        """Return the longest interpolated stretch for a stream, nanoseconds.
+
+        Parameters
+        ----------
+        time_ns : (N,) int64
+            The stream's times.
+        """
         if self.max_gap_s is not None:
             return round(self.max_gap_s * 1e9)
         return max_gap_ns(time_ns)
@@ -166,7 +178,18 @@ class Timeline:
         return int(self.edges[-1])
 
     def tick_offset_ns(self, tick: np.ndarray) -> np.ndarray:
-        """Return the time of the k-th tick since its episode's first, int64 ns."""
+        """Return how long after its episode's first tick each tick lies.
+
+        Parameters
+        ----------
+        tick : (M,) int64
+            Ticks counted from their episode's first.
+
+        Returns
+        -------
+        (M,) int64
+            Nanoseconds.
+        """
         return tick_times_ns(tick, self.settings.tick_s)
 
 

@@ -209,7 +209,12 @@ class TPPWindows(Dataset[Item]):
         return np.asarray(flags[self._anchors])
 
     def set_epoch(self, epoch: int) -> None:
-        """Set the epoch of plain integer indices (a `WindowIndex` names its own)."""
+        """Set the epoch of plain integer indices (a `WindowIndex` names its own).
+
+        Parameters
+        ----------
+        epoch : int
+        """
         self.epoch = epoch
 
     def __getitem__(self, index: SupportsIndex | WindowIndex) -> Item:
