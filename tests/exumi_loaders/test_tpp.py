@@ -1,5 +1,6 @@
 """TPP windows against what can be worked out by hand."""
 
+import shutil
 from fractions import Fraction
 from itertools import combinations
 from pathlib import Path
@@ -11,7 +12,10 @@ import torch
 from scipy.spatial.transform import Rotation
 
 import exumi_data
+from exumi_data.catalog import build_catalog, write_catalog
+from exumi_data.dataset import open_dataset
 from exumi_data.errors import DamagedDataError, UsageError
+from exumi_data.store.pack import pack
 from exumi_loaders import TPPWindows, WindowSampler
 
 TICK = 1 / 20
@@ -346,3 +350,23 @@ def test_a_stream_that_does_not_overlap_gives_no_windows(make_dataset: Any, reci
     dataset = make_dataset(full(recipe), full(recipe, rgb_s=seconds(30, 6, start=100)))
     windows = open_windows(dataset)
     assert len(windows) == 120
+
+
+def test_packed_episodes_give_the_same_windows(make_dataset: Any, recipe: Any) -> None:
+    dataset = make_dataset(
+        full(recipe, encoded=True), full(recipe, encoded=True, duration=3.0, activity=np.zeros(90))
+    )
+    before = [open_windows(dataset)[i] for i in (0, 40, 130)]
+    root = Path(dataset.path)
+    for index in range(len(dataset)):
+        folder = Path(dataset.episode_location(index))
+        pack(folder)
+        shutil.rmtree(folder)
+    table, failed = build_catalog(root)
+    assert not failed
+    write_catalog(root, table)
+    packed = open_windows(open_dataset(root).select(dataset.ids))
+    assert packed.episodes.episode_location(0).endswith(".zarr.zip")
+    for index, item in zip((0, 40, 130), before, strict=True):
+        for key, value in packed[index].items():
+            torch.testing.assert_close(value, item[key], rtol=0, atol=1e-6)
