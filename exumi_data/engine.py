@@ -5,10 +5,12 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
 from typing import Generic, TypeVar
 
 from exumi_data.errors import ExumiError
@@ -19,6 +21,7 @@ Item = TypeVar("Item")
 Value = TypeVar("Value")
 
 _QUEUED_PER_WORKER = 4
+_CLEAN_UP_S = 5.0  # removing what is half written takes milliseconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +46,14 @@ class _Stopped(SystemExit):
 def _stop(*_: object) -> None:
     # When one worker has ended, the pool tells the others again, while they still clean up.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    threading.Thread(target=_end_soon, daemon=True).start()
     raise _Stopped(1)
+
+
+def _end_soon() -> None:
+    """End this worker even if the exception was lost, as it is in a destructor."""
+    time.sleep(_CLEAN_UP_S)
+    os._exit(1)
 
 
 def _prepare_worker() -> None:
@@ -59,6 +69,8 @@ def _prepare_worker() -> None:
 
 def _end_with_parent() -> None:
     """Stop this worker when its parent is gone: a killed one cannot tell, and nobody would ask."""
+    # The signal must reach the main thread: only there it interrupts what that is waiting for.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -67,7 +79,7 @@ def _end_with_parent() -> None:
 
 def map_items(
     function: Callable[[Item], Value], items: Iterable[Item], *, workers: int | None = None
-) -> Iterator[Outcome[Item, Value]]:
+) -> Generator[Outcome[Item, Value], None, None]:
     """Call `function` on every item; yield outcomes as they come, in any order.
 
     Parameters
@@ -167,6 +179,24 @@ def _crash() -> ExumiError:
     )
 
 
+def _stop_workers(pool: ProcessPoolExecutor) -> threading.Timer:
+    """Tell workers to end, and see to it that they do."""
+    processes = list(pool._processes.values())  # no public way to stop
+    for process in processes:
+        process.terminate()
+    # A worker that waits for a lock which another one took along when it ended would wait for
+    # ever, and the pool for it.
+    last_resort = threading.Timer(_CLEAN_UP_S, _kill, (processes,))
+    last_resort.daemon = True
+    last_resort.start()
+    return last_resort
+
+
+def _kill(processes: Sequence[BaseProcess]) -> None:
+    for process in processes:
+        process.kill()
+
+
 def _run_pool(
     function: Callable[[Item], Value], source: Iterator[Item], workers: int
 ) -> Generator[Outcome[Item, Value], None, list[Item]]:
@@ -175,6 +205,7 @@ def _run_pool(
     pending: dict[Future[Outcome[Item, Value]], Item] = {}
     suspects: list[Item] = []
     exhausted = False
+    last_resort: threading.Timer | None = None
     try:
         while True:
             while not (exhausted or suspects) and len(pending) < workers * _QUEUED_PER_WORKER:
@@ -201,8 +232,9 @@ def _run_pool(
                     # The function, the item or its value cannot be sent between processes.
                     yield Outcome(item, None, ExumiError(f"{type(error).__name__}: {error}"))
     except BaseException:
-        for process in list(pool._processes.values()):  # no public way to stop
-            process.terminate()
+        last_resort = _stop_workers(pool)
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+        if last_resort is not None:
+            last_resort.cancel()

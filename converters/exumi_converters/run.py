@@ -5,7 +5,7 @@ What `convert` and `prepare` share is here; each hands in a function that makes 
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
@@ -219,14 +219,16 @@ class Run(Generic[Item]):
         total = len(items) + len(self.failed)
         done = len(self.failed)
         workers = min(self.workers, max(1, len(items)))
-        for outcome in map_items(function, items, workers=workers):
-            done += 1
-            result = outcome.value or _crashed(outcome, name_of(outcome.item))
-            self._take(result)
-            if self.on_progress is not None:
-                self.on_progress(
-                    Progress(done, total, result.name, result.status, self.frames, self.seconds)
-                )
+        # Closed at once, whatever happens here: workers must not go on when the run has ended.
+        with closing(map_items(function, items, workers=workers)) as outcomes:
+            for outcome in outcomes:
+                done += 1
+                result = outcome.value or _crashed(outcome, name_of(outcome.item))
+                self._take(result)
+                if self.on_progress is not None:
+                    self.on_progress(
+                        Progress(done, total, result.name, result.status, self.frames, self.seconds)
+                    )
         self.failed.sort(key=lambda failure: failure.name)
         self.flagged.sort(key=lambda flag: (flag.name, flag.code))
 
@@ -291,4 +293,10 @@ def opened_run(
             notices,
             _known=[] if table is None else table.to_pylist(),
         )
-        yield run
+        try:
+            yield run
+        except BaseException:
+            # A worker that was stopped at the wrong moment may have left something; all have ended.
+            with suppress(OSError):
+                clean_leftovers(root)
+            raise

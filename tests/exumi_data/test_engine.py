@@ -139,7 +139,7 @@ def test_items_are_taken_as_needed(workers: int) -> None:
     for _ in range(20):
         next(outcomes)
     assert taken <= 20 + 2 * 4 * workers
-    outcomes.close()  # type: ignore[attr-defined]  # it is a generator
+    outcomes.close()
 
 
 def test_an_error_of_the_source_is_the_callers() -> None:
