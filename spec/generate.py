@@ -159,12 +159,22 @@ def _catalog() -> str:
     return table(("column", "Arrow type", ""), rows)
 
 
+def _limits() -> str:
+    rows = [
+        (f"[{rule.id}](#{rule.id})", f"`{name}`", f"{value:g}")
+        for rule in standard.rules().values()
+        for name, value in rule.limits.items()
+    ]
+    return table(("rule", "limit", "value"), rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "arrays": _arrays,
     "catalog": _catalog,
     "derived": _derived,
     "flags": _flags,
     "kinds": _kinds,
+    "limits": _limits,
     "sensors": _sensors,
     "stamps": _stamps,
     "units": _units,
@@ -193,8 +203,8 @@ def rules_page() -> str:
     ]
     head = (
         f"# The rules of exUMI {FORMAT_VERSION}\n\n"
-        "Rendered by `spec/generate.py` from `exumi_data/standard/rules.toml`. A rule's title\n"
-        "says what holds when it is kept.\n\n"
+        "Rendered by `spec/generate.py` from `exumi_data/standard/rules/`. A rule's title says\n"
+        "what holds when it is kept.\n\n"
     )
     return head + table(("rule", "severity", "level", "title", "since"), rows)
 

@@ -1,6 +1,6 @@
 """The rules of the standard."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, get_args
@@ -10,7 +10,23 @@ from exumi_data.standard.toml_data import read_toml
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["LEVELS", "Level", "Rule", "Severity", "rules"]
+__all__ = ["LEVELS", "RULE_FILES", "Level", "Rule", "Severity", "rules"]
+
+RULE_FILES = (
+    "documents",
+    "files",
+    "samples",
+    "frames",
+    "derived",
+    "dataset",
+    "manifest",
+    "timing",
+    "sync",
+    "touch",
+    "motion",
+    "labels",
+)
+"""The files in ``rules/``, in the order of the specification."""
 
 Level = Literal["document", "hierarchy", "arrays", "data"]
 Severity = Literal["error", "warning", "info"]
@@ -43,6 +59,8 @@ class Rule:
         Where the rule stands, below ``spec/<version>/``.
     since : str
         Format version that has it.
+    limits : dict
+        Numbers that the rule judges by, with their unit in the name, such as ``speed_m_per_s``.
     """
 
     id: str
@@ -53,6 +71,7 @@ class Rule:
     suggestion: str
     anchor: str
     since: str
+    limits: "Mapping[str, float]" = field(default_factory=dict)
 
     @property
     def group(self) -> str:
@@ -64,10 +83,12 @@ class Rule:
 def rules() -> "Mapping[str, Rule]":
     """Return all rules by id, in the order of the specification."""
     found: dict[str, Rule] = {}
-    for entry in read_toml("rules.toml")["rule"]:
-        rule = Rule(**entry)
-        if rule.id in found:
-            msg = f"rules.toml has two rules {rule.id}"
-            raise ValueError(msg)
-        found[rule.id] = rule
+    for name in RULE_FILES:
+        for entry in read_toml(f"rules/{name}.toml").get("rule", []):
+            limits = MappingProxyType(entry.pop("limits", {}))
+            rule = Rule(**entry, limits=limits)
+            if rule.id in found:
+                msg = f"there are two rules {rule.id}"
+                raise ValueError(msg)
+            found[rule.id] = rule
     return MappingProxyType(found)

@@ -13,6 +13,6 @@ def read_toml(name: str) -> dict[str, Any]:
     Parameters
     ----------
     name : str
-        File name.
+        File name, or path below this folder.
     """
     return tomllib.loads(resources.files("exumi_data.standard").joinpath(name).read_text("utf-8"))

@@ -7,7 +7,7 @@ import pytest
 
 from exumi_data.standard import rules
 
-NORMATIVE = ("episode.md", "dataset.md")
+NORMATIVE = ("episode.md", "dataset.md", "quality.md")
 ID = re.compile(r"\b([A-Z]+-\d{3})\b")
 ANCHOR = re.compile(r'<a id="([A-Z]+-\d{3})"></a>\*\*\[\1\]\*\*')
 WORDS = re.compile(r"\b(MUST|SHOULD|SHALL|REQUIRED TO)\b")

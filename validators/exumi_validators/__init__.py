@@ -6,9 +6,9 @@ first mistake. Import of this package loads no image or video library; validatin
 
 from typing import Any
 
-from exumi_validators.report import Coverage, Location, Problem, Report, Unchecked
+from exumi_validators.report import Coverage, Location, Problem, Report, Skipped, Unchecked
 
-__all__ = ["Coverage", "Location", "Problem", "Report", "Unchecked", "validate"]
+__all__ = ["Coverage", "Location", "Problem", "Report", "Skipped", "Unchecked", "validate"]
 
 
 def __getattr__(name: str) -> Any:

@@ -20,7 +20,14 @@ from exumi_data.model.episode import (
     EpisodeMetadata,
 )
 from exumi_data.model.streams import ExtensionStream, Stream, StreamModel
-from exumi_data.standard import ArraySpec, common_arrays, derived_arrays, encodings, kinds
+from exumi_data.standard import (
+    ArraySpec,
+    common_arrays,
+    derived_arrays,
+    encodings,
+    kinds,
+    rules,
+)
 from exumi_data.store.access import FolderStore, ZipStore
 from exumi_data.store.shards import ArrayReader
 from exumi_data.store.zarr_document import ArrayDocument, ForeignLayoutError, layout_of
@@ -421,6 +428,18 @@ class EpisodeContext:
         if ROOT not in self.listing.files:
             return None
         return hashlib.sha256(self.store.read(ROOT)).hexdigest()
+
+    def limit(self, code: str, name: str) -> float:
+        """Return a number that a rule judges by.
+
+        Parameters
+        ----------
+        code : str
+            Id of the rule.
+        name : str
+            Of the limit, as the table of rules has it.
+        """
+        return rules()[code].limits[name]
 
     def is_extension(self, stream: StreamModel) -> bool:
         """Whether a stream is of a third party's kind.

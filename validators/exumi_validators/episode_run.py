@@ -14,22 +14,28 @@ from exumi_data.store.digest import digest_of
 from exumi_validators.archive import ArchiveContext, read_archive
 from exumi_validators.checks import (
     arrays,
+    calibration,
     chunks,
     derived,
     document,
     hierarchy,
     images,
+    labels,
+    motion,
     packing,
     root,
     streams,
+    sync,
     time,
+    timing,
+    touch,
     video,
 )
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import Collector
 from exumi_validators.listing import list_folder, list_zip
 from exumi_validators.registry import Check, checks_of
-from exumi_validators.report import Problem, Unchecked
+from exumi_validators.report import Problem, Skipped, Unchecked
 
 __all__ = [
     "EpisodeFacts",
@@ -50,6 +56,12 @@ _EPISODE_MODULES: tuple[ModuleType, ...] = (
     video,
     derived,
     chunks,
+    timing,
+    motion,
+    calibration,
+    labels,
+    touch,
+    sync,
 )
 # What ZipStore refuses to open.
 _UNOPENABLE = frozenset(
@@ -76,6 +88,7 @@ class EpisodeResult:
     problems: tuple[Problem, ...]
     not_listed: dict[str, int] = field(default_factory=dict)
     unchecked: tuple[Unchecked, ...] = ()
+    skipped: tuple[Skipped, ...] = ()
     facts: EpisodeFacts = EpisodeFacts()
     streams: int = 0
     arrays: int = 0
@@ -193,7 +206,10 @@ def _result(
     levels: frozenset[Level],
 ) -> EpisodeResult:
     result = EpisodeResult(
-        problems=found.problems, not_listed=dict(found.not_listed), unchecked=tuple(unchecked)
+        problems=found.problems,
+        not_listed=dict(found.not_listed),
+        unchecked=tuple(unchecked),
+        skipped=found.skipped,
     )
     if episode is None or not episode.judgeable:
         return result

@@ -2,12 +2,14 @@
 
 import json
 from collections import Counter
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from exumi_data.standard import rules
-from exumi_validators.report import Location, Problem
+from exumi_validators.report import Location, Problem, Skipped
 
-__all__ = ["Collector", "json_pointer", "problem", "show"]
+__all__ = ["Collector", "json_pointer", "merged", "problem", "show"]
 
 _SHOWN = 200
 _LISTED_PER_RULE = 100
@@ -103,15 +105,19 @@ class Collector:
     def __init__(self) -> None:
         self._found: dict[tuple[str, Location], Problem] = {}
         self._per_rule: Counter[str] = Counter()
+        self._skipped: list[Skipped] = []
         self.not_listed: Counter[str] = Counter()
 
-    def add(self, found: Problem) -> None:
-        """Add a problem, once for each place.
+    def add(self, found: Problem | Skipped) -> None:
+        """Add a finding, once for each place.
 
         Parameters
         ----------
-        found : Problem
+        found : Problem or Skipped
         """
+        if isinstance(found, Skipped):
+            self._skipped.append(found)
+            return
         key = (found.code, found.location)
         if key in self._found:
             return
@@ -122,6 +128,26 @@ class Collector:
         self._found[key] = found
 
     @property
+    def skipped(self) -> tuple[Skipped, ...]:
+        """What could not be judged, counted by rule and reason."""
+        return merged(self._skipped)
+
+    @property
     def problems(self) -> tuple[Problem, ...]:
         """All listed problems, in order of place and code."""
         return tuple(sorted(self._found.values(), key=lambda p: (*p.location.sort_key(), p.code)))
+
+
+def merged(skipped: Iterable[Skipped]) -> tuple[Skipped, ...]:
+    """Count what could not be judged by rule and reason, in order of the rules' ids.
+
+    Parameters
+    ----------
+    skipped : iterable of Skipped
+    """
+    found: dict[tuple[str, str], Skipped] = {}
+    for item in skipped:
+        key = (item.code, item.reason)
+        before = found.get(key)
+        found[key] = replace(before, count=before.count + item.count) if before else item
+    return tuple(found[key] for key in sorted(found))

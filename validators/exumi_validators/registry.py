@@ -6,9 +6,12 @@ from types import ModuleType
 from typing import Generic, TypeVar
 
 from exumi_data.standard import Level, rules
-from exumi_validators.report import Problem
+from exumi_validators.report import Problem, Skipped
 
-__all__ = ["Check", "check", "checks_of"]
+__all__ = ["Check", "Finding", "check", "checks_of"]
+
+Finding = Problem | Skipped
+"""What a check yields: a broken rule, or a rule that it could not judge, with the reason."""
 
 Context = TypeVar("Context")
 
@@ -23,20 +26,20 @@ class Check(Generic[Context]):
         Ids of the rules it judges, all of one level.
     level : {"document", "hierarchy", "arrays", "data"}
     function : callable
-        Takes the context (an episode, an archive or a dataset), yields problems.
+        Takes the context (an episode, an archive or a dataset), yields findings.
     """
 
     rules: tuple[str, ...]
     level: Level
-    function: Callable[[Context], Iterator[Problem]]
+    function: Callable[[Context], Iterator[Finding]]
 
     @property
     def name(self) -> str:
         """The function's name, for messages."""
         return self.function.__name__
 
-    def __call__(self, context: Context) -> Iterator[Problem]:
-        """Judge; yields only problems of the check's own rules."""
+    def __call__(self, context: Context) -> Iterator[Finding]:
+        """Judge; yields only findings of the check's own rules."""
         for found in self.function(context):
             if found.code not in self.rules:
                 msg = f"the check {self.name} reports {found.code}, which it does not judge"
@@ -46,7 +49,7 @@ class Check(Generic[Context]):
 
 def check(
     *codes: str,
-) -> Callable[[Callable[[Context], Iterator[Problem]]], Check[Context]]:
+) -> Callable[[Callable[[Context], Iterator[Finding]]], Check[Context]]:
     """Make a function a check of some rules.
 
     Parameters
@@ -75,7 +78,7 @@ def check(
         raise ValueError(msg)
     level = levels.pop()
 
-    def decorate(function: Callable[[Context], Iterator[Problem]]) -> Check[Context]:
+    def decorate(function: Callable[[Context], Iterator[Finding]]) -> Check[Context]:
         return Check(codes, level, function)
 
     return decorate

@@ -7,7 +7,7 @@ from typing import Any
 
 from exumi_data.standard import Level, Severity
 
-__all__ = ["Coverage", "Location", "Problem", "Report", "Unchecked"]
+__all__ = ["Coverage", "Location", "Problem", "Report", "Skipped", "Unchecked"]
 
 REPORT_VERSION = 1
 
@@ -82,6 +82,31 @@ class Unchecked:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """A rule that could not be judged somewhere, because the data has nothing to judge it by.
+
+    Such as a latency without events, or a swap of fingers without the rig's references. Not a
+    fault, and not a pass.
+
+    Attributes
+    ----------
+    code : str
+        Id of the rule.
+    reason : str
+        A few words, the same for the same reason: reports count them.
+    path : str
+        Where; in the report of a dataset, the first of them.
+    count : int
+        How often.
+    """
+
+    code: str
+    reason: str
+    path: str
+    count: int = 1
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
     """How much was looked at: a pass says no more than this.
@@ -95,6 +120,8 @@ class Coverage:
         Frames are those that were read and decoded, samples those of `time` arrays.
     unchecked : tuple of Unchecked
         If there are any, the report is not a pass.
+    skipped : tuple of Skipped
+        Rules that had nothing to be judged by, counted by rule and reason.
     """
 
     levels: tuple[Level, ...] = ()
@@ -105,6 +132,7 @@ class Coverage:
     samples: int = 0
     frames: int = 0
     unchecked: tuple[Unchecked, ...] = ()
+    skipped: tuple[Skipped, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,7 +34,18 @@ def render_text(report: "Report") -> str:
             lines.append(f"  ... and {count} more of {code}")
     for item in report.coverage.unchecked:
         lines += ["", f"{show(item.path)}", f"  not checked: {item.what}: {show(item.reason)}"]
+    lines += _skipped(report)
     return "\n".join(lines) + "\n"
+
+
+def _skipped(report: "Report") -> list[str]:
+    if not report.coverage.skipped:
+        return []
+    lines = ["", "not checked, for want of something to judge by:"]
+    for item in report.coverage.skipped:
+        more = f" and {item.count - 1} more" if item.count > 1 else ""
+        lines.append(f"  {item.code}: {show(item.reason)} @ {show(item.path)}{more}")
+    return lines
 
 
 def _verdict(report: "Report") -> str:

@@ -24,9 +24,9 @@ from exumi_validators.episode_run import (
     root_checks,
     validate_episode,
 )
-from exumi_validators.findings import Collector
+from exumi_validators.findings import Collector, merged
 from exumi_validators.registry import Check, checks_of
-from exumi_validators.report import Coverage, Problem, Report, Unchecked
+from exumi_validators.report import Coverage, Problem, Report, Skipped, Unchecked
 
 __all__ = ["dataset_checks", "validate"]
 
@@ -93,7 +93,7 @@ def validate(
     if on_progress is not None:
         on_progress(1, 1)
     judged = _judged(chosen, packed=Path(text).is_file(), of_dataset=False)
-    coverage = _coverage(chosen, judged, [result], result.unchecked)
+    coverage = _coverage(chosen, judged, [result], result.unchecked, result.skipped)
     return _report(text, "episode", result.problems, coverage, dict(result.not_listed))
 
 
@@ -172,7 +172,8 @@ def _validate_dataset(
     unchecked.sort(key=lambda item: (item.path, item.what))
     packed = any(episode.endswith(".zip") for episode in dataset.episodes)
     judged = _judged(levels, packed=packed, of_dataset=True)
-    coverage = _coverage(levels, judged, results, tuple(unchecked))
+    skipped = merged([*found.skipped, *(item for result in results for item in result.skipped)])
+    coverage = _coverage(levels, judged, results, tuple(unchecked), skipped)
     return _report(path, "dataset", tuple(problems), coverage, dict(not_listed))
 
 
@@ -210,7 +211,8 @@ def _placed(result: EpisodeResult, episode: str) -> EpisodeResult:
         replace(problem, location=replace(problem.location, episode=episode))
         for problem in result.problems
     )
-    return replace(result, problems=problems)
+    skipped = tuple(replace(item, path=f"{episode}/{item.path}") for item in result.skipped)
+    return replace(result, problems=problems, skipped=skipped)
 
 
 def _judged(levels: frozenset[Level], *, packed: bool, of_dataset: bool) -> int:
@@ -226,6 +228,7 @@ def _coverage(
     judged: int,
     results: list[EpisodeResult],
     unchecked: tuple[Unchecked, ...],
+    skipped: tuple[Skipped, ...],
 ) -> Coverage:
     return Coverage(
         levels=tuple(level for level in LEVELS if level in levels),
@@ -236,6 +239,7 @@ def _coverage(
         samples=sum(result.samples for result in results),
         frames=sum(result.frames for result in results),
         unchecked=unchecked,
+        skipped=skipped,
     )
 
 

@@ -8,6 +8,12 @@ from corpus.invalid_documents import document_cases
 from corpus.invalid_hierarchy import hierarchy_cases
 from corpus.invalid_packing import packing_cases
 from corpus.invalid_streams import stream_cases
+from corpus.quality_calibration import calibration_cases
+from corpus.quality_labels import labels_cases
+from corpus.quality_motion import motion_cases
+from corpus.quality_sync import sync_cases
+from corpus.quality_timing import timing_cases
+from corpus.quality_touch import touch_cases
 from corpus.valid import valid_cases
 
 __all__ = ["invalid", "valid"]
@@ -28,6 +34,12 @@ def invalid() -> list[Case]:
         array_cases,
         data_cases,
         dataset_cases,
+        timing_cases,
+        sync_cases,
+        touch_cases,
+        motion_cases,
+        calibration_cases,
+        labels_cases,
     )
     return _checked([case for maker in makers for case in maker()], findings=True)
 

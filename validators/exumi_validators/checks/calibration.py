@@ -1,0 +1,3 @@
+"""Calibration: that it is there, and not older than it may be."""
+
+__all__: list[str] = []

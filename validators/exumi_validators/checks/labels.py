@@ -1,0 +1,3 @@
+"""Labels: provenance, ids, parts across splits."""
+
+__all__: list[str] = []

@@ -1,0 +1,3 @@
+"""Touch: activity, references, saturated, dark, frozen, swapped and damaged images."""
+
+__all__: list[str] = []
