@@ -44,6 +44,10 @@ def run(
 
     Exit code 0: valid. 1: invalid. 2: could not run, such as for a path that is not there.
     """
+    from exumi_data.engine import warm_up
+
+    if path.is_dir():  # a dataset goes to workers: they load what they need while we do
+        warm_up("exumi_validators.validation")
     from exumi_data.cli.output import progress_of
     from exumi_data.standard import LEVELS
     from exumi_validators import validate
