@@ -3,6 +3,7 @@
 ``EXUMI_DEBUG=1`` shows the traceback of every error.
 """
 
+import errno
 import os
 import signal
 import sys
@@ -61,7 +62,7 @@ def reported() -> Iterator[None]:
         raise typer.Exit(COULD_NOT_RUN) from None
     except OSError as error:
         what = error.strerror or str(error)
-        _say(f"{error.filename}: {what}" if error.filename else what, None, error)
+        _say(f"{error.filename}: {what}" if error.filename else what, _advice(error), error)
         raise typer.Exit(COULD_NOT_RUN) from None
     except Exception as error:
         if _is_of_the_parser(error):
@@ -75,6 +76,12 @@ def reported() -> Iterator[None]:
 def _is_of_the_parser(error: Exception) -> bool:
     """Whether typer itself handles this: wrong options (ClickException), Exit, Abort."""
     return isinstance(error, typer.Exit | typer.Abort) or hasattr(error, "exit_code")
+
+
+def _advice(error: OSError) -> str | None:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "Free some space and run the same command again: what was complete is kept."
+    return None
 
 
 def _say(what: str, fix: str | None, error: BaseException) -> None:

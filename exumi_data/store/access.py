@@ -427,6 +427,7 @@ def _open_zip(path: Path, files: OpenFiles | None) -> ZipStore:
         raise NotAnEpisodeError(
             "neither an episode's folder nor a packed episode",
             where=path,
-            fix="Convert other data with: exumi convert SRC DST",
+            fix="Give the folder of a dataset or an episode, or a .zarr.zip. "
+            "Convert other data with: exumi convert SRC DST",
         )
     return ZipStore(path, files)

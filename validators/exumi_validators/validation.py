@@ -132,7 +132,11 @@ def _kind(path: str) -> str:
     with target.open("rb") as file:
         is_zip = file.read(4) in (b"PK\x03\x04", b"PK\x05\x06")
     if not is_zip and not path.endswith(".zip"):
-        raise NotAnEpisodeError("no zip, and so no packed episode", where=path)
+        raise NotAnEpisodeError(
+            "a file that is no packed episode (no zip)",
+            where=path,
+            fix="Give the folder of the dataset or the episode, or a .zarr.zip.",
+        )
     return "episode"
 
 

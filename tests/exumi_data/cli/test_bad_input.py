@@ -7,9 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from exumi_data.cli.app import app
+from exumi_data.cli.failures import reported
 from exumi_data.store.pack import pack
 
 Program = Callable[..., subprocess.CompletedProcess[str]]
@@ -166,3 +168,11 @@ def refused_after_title(done: subprocess.CompletedProcess[str]) -> str:
     assert done.stderr.startswith("error: ")
     assert "Traceback" not in done.stderr
     return done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full")
+def test_a_full_disk_is_said_with_what_to_do(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(typer.Exit) as ended, reported(), Path("/dev/full").open("wb") as full:
+        full.write(b"x" * 100_000)
+    assert ended.value.exit_code == 2
+    assert "Free some space" in capfd.readouterr().err
