@@ -13,7 +13,14 @@ from av.video.reformatter import VideoReformatter
 
 from exumi_data.errors import DamagedDataError, SourceError
 
-__all__ = ["LIMITED_TO_FULL", "FramePixels", "MjpegPackets", "VideoDecoder", "VideoFrames", "probe_video"]
+__all__ = [
+    "LIMITED_TO_FULL",
+    "FramePixels",
+    "MjpegPackets",
+    "VideoDecoder",
+    "VideoFrames",
+    "probe_video",
+]
 
 _EXTENSIONS = {
     ".mov": "video/quicktime",

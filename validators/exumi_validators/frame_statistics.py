@@ -7,25 +7,23 @@ does not grow with the number of frames.
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from exumi_data.tactile import thumbnail, to_grey
+from exumi_validators.touch_measures import Jumps, median_image, nearest_to
 
-__all__ = ["FrameStatistics", "GlanceLimits", "Jumps", "Tally"]
+__all__ = ["FrameStatistics", "GlanceLimits", "Tally"]
 
 UInt8Array = npt.NDArray[np.uint8]
 
 _GLANCE_EVERY = 8
 _GLANCE_PIXELS = 600
 _BATCH = 64
-_JUMP_ROWS = 16
-# Chroma that was stored at half the resolution spreads an edge over two pixels.
-_JUMP_PIXELS = 2
-_JUMP = 128
-_STEP = 64
+_FEWEST = 3
 _TO_GREY = np.array([0.299, 0.587, 0.114], np.float32)
 
 
@@ -61,39 +59,6 @@ class Tally:
         if frames.size and not self.count:
             self.first, self.value = int(frames[0]), float(values[0])
         self.count += int(frames.size)
-
-
-@dataclass(slots=True)
-class Jumps:
-    """Steps of grey level between near pixels of a row, channel by channel.
-
-    Attributes
-    ----------
-    pairs : int
-        Pairs of pixels in one channel.
-    steps, jumps : ndarray of int64, shape (C,)
-        Pairs that differ by 65 to 128 levels, and by more.
-    """
-
-    pairs: int = 0
-    steps: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
-    jumps: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
-
-    def add(self, frame: UInt8Array) -> None:
-        """Look through a frame, (H, W, C)."""
-        import cv2
-
-        every = max(1, frame.shape[0] // _JUMP_ROWS)
-        rows = np.ascontiguousarray(frame[every // 2 :: every])
-        if rows.shape[1] <= _JUMP_PIXELS:
-            return
-        step = np.asarray(cv2.absdiff(rows[:, _JUMP_PIXELS:], rows[:, :-_JUMP_PIXELS]), np.uint8)
-        step = step.reshape(*rows.shape[:1], -1, frame.shape[2])
-        jumps = np.count_nonzero(step > _JUMP, axis=(0, 1))
-        steps = np.count_nonzero(step > _STEP, axis=(0, 1)) - jumps
-        self.jumps[: jumps.size] += jumps
-        self.steps[: steps.size] += steps
-        self.pairs += step.shape[0] * step.shape[1]
 
 
 class FrameStatistics:
@@ -154,13 +119,24 @@ class FrameStatistics:
         """Whether a frame is to be looked at."""
         return index % _GLANCE_EVERY == 0 or index in self._kept or index in self._searched
 
+    @cached_property
+    def quiet(self) -> UInt8Array | None:
+        """The median of the kept frames that resemble the reference most, (h, w) grey.
+
+        None where there is nothing to compare: no reference, or too few frames.
+        """
+        reference, images = self.reference, list(self.thumbnails.values())
+        if reference is None or len(images) < _FEWEST:
+            return None
+        if any(image.shape != reference.shape for image in images):
+            return None
+        return median_image(nearest_to(reference, images))
+
     def searches(self, index: int) -> bool:
         """Whether a frame is searched for jumps, for which its colours are needed."""
         return index in self._searched
 
-    def add(
-        self, index: int, frame: UInt8Array, *, levels: UInt8Array | None = None
-    ) -> None:
+    def add(self, index: int, frame: UInt8Array, *, levels: UInt8Array | None = None) -> None:
         """Take a frame.
 
         Parameters

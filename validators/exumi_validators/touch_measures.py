@@ -1,17 +1,16 @@
 """Measures on small grey images of touch: quiet images, differences, shifts, jumps."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from exumi_validators.frame_statistics import Jumps, UInt8Array
-
 __all__ = [
+    "Jumps",
     "Shift",
+    "coarse",
     "difference",
-    "jumps_of",
     "median_image",
     "nearest_to",
     "pattern_difference",
@@ -19,9 +18,15 @@ __all__ = [
     "texture",
 ]
 
+UInt8Array = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
 
 _NEAREST = 5
+_JUMP_ROWS = 16
+# Chroma that was stored at half the resolution spreads an edge over two pixels.
+_JUMP_PIXELS = 2
+_JUMP = 128
+_STEP = 64
 _COARSE = 9  # pixels of a thumbnail: what is wider is light, not pattern
 
 
@@ -48,6 +53,47 @@ class Shift:
         return float(np.hypot(self.right, self.down))
 
 
+@dataclass(slots=True)
+class Jumps:
+    """Steps of grey level between near pixels of a row, channel by channel.
+
+    Attributes
+    ----------
+    pairs : int
+        Pairs of pixels in one channel.
+    steps, jumps : ndarray of int64, shape (C,)
+        Pairs that differ by 65 to 128 levels, and by more.
+    """
+
+    pairs: int = 0
+    steps: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
+    jumps: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
+
+    def add(self, frame: UInt8Array) -> None:
+        """Look through a frame, (H, W, C)."""
+        import cv2
+
+        every = max(1, frame.shape[0] // _JUMP_ROWS)
+        rows = np.ascontiguousarray(frame[every // 2 :: every])
+        if rows.shape[1] <= _JUMP_PIXELS:
+            return
+        step = np.asarray(cv2.absdiff(rows[:, _JUMP_PIXELS:], rows[:, :-_JUMP_PIXELS]), np.uint8)
+        step = step.reshape(-1, frame.shape[2])
+        self.pairs += len(step)
+        if step.max() <= _STEP:  # as in most frames
+            return
+        for channel in range(step.shape[1]):
+            jumps = np.count_nonzero(step[:, channel] > _JUMP)
+            self.jumps[channel] += jumps
+            self.steps[channel] += np.count_nonzero(step[:, channel] > _STEP) - jumps
+
+    def rates(self) -> tuple[float, float]:
+        """Return jumps of 10,000 pairs of pixels, and jumps a step, in the channel with most."""
+        channel = int(self.jumps.argmax())
+        jumps, steps = int(self.jumps[channel]), int(self.steps[channel])
+        return jumps * 1e4 / max(self.pairs, 1), jumps / max(steps, 1)
+
+
 def difference(image: UInt8Array, reference: UInt8Array) -> UInt8Array:
     """Return the absolute difference of two images of one shape, grey levels."""
     return np.maximum(image, reference) - np.minimum(image, reference)
@@ -65,7 +111,9 @@ def nearest_to(
     count : int
         How many at most.
     """
-    return sorted(images, key=lambda image: float(difference(image, reference).mean()))[:count]
+    import cv2
+
+    return sorted(images, key=lambda image: cv2.norm(image, reference, cv2.NORM_L1))[:count]
 
 
 def median_image(images: Collection[UInt8Array]) -> UInt8Array:
@@ -73,6 +121,13 @@ def median_image(images: Collection[UInt8Array]) -> UInt8Array:
     from exumi_data.tactile import reference_image
 
     return reference_image(list(images))
+
+
+def coarse(image: UInt8Array) -> bytes:
+    """Return an image's light, averaged to 16 by 12 pixels, row by row: small enough to keep."""
+    import cv2
+
+    return cv2.resize(image, (16, 12), interpolation=cv2.INTER_AREA).tobytes()
 
 
 def texture(image: UInt8Array) -> float:
@@ -125,10 +180,3 @@ def _pattern(image: UInt8Array) -> Float32Array:
     levels = image.astype(np.float32)
     fine = cv2.GaussianBlur(levels, (3, 3), 0)
     return np.asarray(fine - cv2.blur(levels, (_COARSE, _COARSE)), np.float32)
-
-
-def jumps_of(found: Jumps) -> tuple[float, float]:
-    """Return jumps of 10,000 pairs of pixels, and jumps a step, in the channel with most jumps."""
-    channel = int(found.jumps.argmax())
-    jumps, steps = int(found.jumps[channel]), int(found.steps[channel])
-    return jumps * 1e4 / max(found.pairs, 1), jumps / max(steps, 1)

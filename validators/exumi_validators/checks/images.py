@@ -107,9 +107,7 @@ def encoded_frames(episode: EpisodeContext, name: str, images: EncodedImages) ->
                 reason = str(getattr(error, "what", error))
                 yield problem("IMG-006", f"{base}/data", index=index, detail=reason)
                 continue
-            mistakes = list(
-                _file_problems(file, index, f"{base}/data", int(crc[row]), images, out)
-            )
+            mistakes = list(_file_problems(file, index, f"{base}/data", int(crc[row]), images, out))
             yield from mistakes
             if statistics is not None and not mistakes and statistics.wants(index):
                 statistics.add(index, out)

@@ -16,9 +16,7 @@ from exumi_validators.registry import Finding, check
 from exumi_validators.report import Skipped
 from exumi_validators.touch_measures import (
     difference,
-    jumps_of,
     median_image,
-    nearest_to,
     pattern_difference,
     shift_between,
     texture,
@@ -40,9 +38,10 @@ RIG_REFERENCE = "tactile_reference/"
 """A calibration item of this name and a stream's holds the image of the rig's own finger."""
 
 _REGIME_RULES = {"play": "TACT-004", "demonstration": "TACT-005"}
+_FEWEST = 3
 _MIN_SHIFT_SIDE = 16
 _NO_FRAMES = "no frames were decoded"
-_NO_REFERENCE = "no reference of the frames' size"
+_NO_PAIR = "no reference, or too few frames"
 
 
 def _tactile(episode: EpisodeContext) -> Iterator[str]:
@@ -144,9 +143,9 @@ def reference_fits(episode: EpisodeContext) -> Iterator[Finding]:
     """Judge that some frames resemble the reference."""
     limit = episode.limit("TACT-006", "median_grey_levels")
     for name, path, found in _statistics(episode, "TACT-006"):
-        pair = found if isinstance(found, Skipped) else _quiet(episode, "TACT-006", path, found)
-        if isinstance(pair, Skipped):
-            yield pair
+        pair = _pair(found)
+        if pair is None:
+            yield found if isinstance(found, Skipped) else Skipped("TACT-006", _NO_PAIR, path)
             continue
         reference, quiet = pair
         levels = float(np.median(difference(quiet, reference)))
@@ -155,25 +154,20 @@ def reference_fits(episode: EpisodeContext) -> Iterator[Finding]:
             yield problem("TACT-006", reference_path, expected=limit, found=round(levels, 1))
 
 
-def _quiet(
-    episode: EpisodeContext, rule: str, path: str, found: FrameStatistics
-) -> tuple[UInt8Array, UInt8Array] | Skipped:
+def _pair(found: FrameStatistics | Skipped) -> tuple[UInt8Array, UInt8Array] | None:
     """Return a stream's reference and the median of the frames that resemble it most."""
-    reference, images = found.reference, found.thumbnails.values()
-    if reference is None or any(image.shape != reference.shape for image in images):
-        return Skipped(rule, _NO_REFERENCE, path)
-    if len(images) < episode.limit(rule, "frames"):
-        return Skipped(rule, "too few frames", path)
-    return reference, median_image(nearest_to(reference, images))
+    if isinstance(found, Skipped) or found.reference is None or found.quiet is None:
+        return None
+    return found.reference, found.quiet
 
 
 @check("TACT-009")
 def shifted(episode: EpisodeContext) -> Iterator[Finding]:
     """Judge that frames and reference show the sensor at one place."""
     for name, path, found in _statistics(episode, "TACT-009"):
-        pair = found if isinstance(found, Skipped) else _quiet(episode, "TACT-009", path, found)
-        if isinstance(pair, Skipped):
-            yield pair
+        pair = _pair(found)
+        if pair is None:
+            yield found if isinstance(found, Skipped) else Skipped("TACT-009", _NO_PAIR, path)
             continue
         reference, quiet = pair
         yield from _shift_findings(episode, name, reference, quiet)
@@ -205,7 +199,7 @@ def wrapped(episode: EpisodeContext) -> Iterator[Finding]:
         if isinstance(found, Skipped):
             yield found
             continue
-        of_pairs, of_steps = jumps_of(found.jumps)
+        of_pairs, of_steps = found.jumps.rates()
         if (
             int(found.jumps.jumps.max()) >= episode.limit("TACT-011", "jumps")
             and of_pairs > episode.limit("TACT-011", "jumps_per_10000")
@@ -220,9 +214,13 @@ def wrapped(episode: EpisodeContext) -> Iterator[Finding]:
 @check("TACT-010")
 def swapped(episode: EpisodeContext) -> Iterator[Finding]:
     """Judge that no finger is another one, by the rig's own references."""
-    images, references = _typical(episode), _rig_references(episode)
+    references = _rig_references(episode)
+    images = _typical(episode) if references else {}
     for name in _tactile(episode):
         path = f"streams/{name}/data"
+        if not references:
+            yield Skipped("TACT-010", "no references of the rig's fingers", path)
+            continue
         if name not in images:
             yield Skipped("TACT-010", "too few frames were decoded", path)
             continue
@@ -239,12 +237,11 @@ def swapped(episode: EpisodeContext) -> Iterator[Finding]:
 
 def _typical(episode: EpisodeContext) -> dict[str, UInt8Array]:
     """Return the median of the kept frames of each tactile stream."""
-    least = episode.limit("TACT-010", "frames")
     found = {name: episode.frame_statistics.get(name) for name in _tactile(episode)}
     return {
         name: median_image(statistics.thumbnails.values())
         for name, statistics in found.items()
-        if statistics is not None and len(statistics.thumbnails) >= least
+        if statistics is not None and len(statistics.thumbnails) >= _FEWEST
     }
 
 
@@ -269,7 +266,9 @@ def _swap_findings(
         return
     levels = {other: pattern_difference(image, r) for other, r in references.items()}
     nearest = min(levels, key=lambda other: (levels[other], other))
-    if nearest != name and not math.isclose(levels[name], 0.0) and (
-        levels[nearest] < episode.limit("TACT-010", "difference_ratio") * levels[name]
+    if (
+        nearest != name
+        and not math.isclose(levels[name], 0.0)
+        and (levels[nearest] < episode.limit("TACT-010", "difference_ratio") * levels[name])
     ):
         yield problem("TACT-010", path, expected=name, found=nearest)
