@@ -18,8 +18,8 @@ from exumi_validators.document_rules import (
     licence_problems,
     model_rule_problems,
 )
-from exumi_validators.findings import problem
 from exumi_validators.episode_run import ReferenceFacts
+from exumi_validators.findings import problem
 from exumi_validators.registry import Finding, check
 from exumi_validators.report import Problem, Skipped
 
