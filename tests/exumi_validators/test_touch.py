@@ -425,8 +425,8 @@ def test_noise_is_no_shift() -> None:
 
 
 def test_the_nearest_images_come_first() -> None:
-    images = [np.full((4, 4), level, np.uint8) for level in (90, 100, 111)]
-    near = nearest_to(np.full((4, 4), 102, np.uint8), images, 2)
+    images = [np.full((4, 4), level, np.uint8) for level in (90, 120, 130, 60, 100, 111)]
+    near = nearest_to(np.full((4, 4), 104, np.uint8), images)
     assert [int(image[0, 0]) for image in near] == [100, 111]
 
 

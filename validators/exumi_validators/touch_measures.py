@@ -21,7 +21,7 @@ __all__ = [
 UInt8Array = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
 
-_NEAREST = 5
+_NEAREST = 1 / 3  # of the images, which come from all over the stream
 _JUMP_ROWS = 16
 # Chroma that was stored at half the resolution spreads an edge over two pixels.
 _JUMP_PIXELS = 2
@@ -99,20 +99,22 @@ def difference(image: UInt8Array, reference: UInt8Array) -> UInt8Array:
     return np.maximum(image, reference) - np.minimum(image, reference)
 
 
-def nearest_to(
-    reference: UInt8Array, images: Collection[UInt8Array], count: int = _NEAREST
-) -> list[UInt8Array]:
-    """Return the images that differ least from a reference, the nearest first.
+def nearest_to(reference: UInt8Array, images: Collection[UInt8Array]) -> list[UInt8Array]:
+    """Return the third of some images that differs least from a reference, the nearest first.
 
     Parameters
     ----------
     reference : (h, w) uint8
     images : collection of (h, w) uint8
-    count : int
-        How many at most.
+
+    Returns
+    -------
+    list of (h, w) uint8
+        At least one.
     """
     import cv2
 
+    count = max(1, round(_NEAREST * len(images)))
     return sorted(images, key=lambda image: cv2.norm(image, reference, cv2.NORM_L1))[:count]
 
 
