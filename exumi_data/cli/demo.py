@@ -101,7 +101,7 @@ def _validate(console: "Console", dataset: "Dataset") -> bool:
     else:
         result = f"[red]invalid[/]: {report.count('error')} error(s)"
     _step(console, 2, "Validate", result)
-    if report.problems:
+    if report.count("error") or report.count("warning"):
         console.print(report.to_text(), markup=False, end="")
     return bool(report.valid)
 

@@ -1,10 +1,14 @@
 """Paths inside stores and archives are checked before they are used."""
 
+import re
+
 from exumi_data.errors import DamagedDataError
 
 __all__ = ["check_member_path"]
 
 _MAX_LENGTH = 1024
+# What nearly all paths are like: found to be safe in one step.
+_PLAIN = re.compile(r"[A-Za-z0-9_][\w.-]*(?:/[A-Za-z0-9_][\w.-]*)*", re.ASCII)
 
 
 def check_member_path(path: str, where: object) -> str:
@@ -22,6 +26,8 @@ def check_member_path(path: str, where: object) -> str:
     DamagedDataError
         The path could lead out of the store.
     """
+    if len(path) <= _MAX_LENGTH and _PLAIN.fullmatch(path):
+        return path
     parts = path.split("/")
     unsafe = (
         not path

@@ -13,7 +13,14 @@ from av.video.reformatter import VideoReformatter
 
 from exumi_data.errors import DamagedDataError, SourceError
 
-__all__ = ["FramePixels", "MjpegPackets", "VideoDecoder", "VideoFrames", "probe_video"]
+__all__ = [
+    "LIMITED_TO_FULL",
+    "FramePixels",
+    "MjpegPackets",
+    "VideoDecoder",
+    "VideoFrames",
+    "probe_video",
+]
 
 _EXTENSIONS = {
     ".mov": "video/quicktime",
@@ -31,6 +38,9 @@ _FULL_RANGE = 2  # AVCOL_RANGE_JPEG
 _BLACK = 16  # of limited range; white is 235
 _TO_FULL = 255 / 219
 
+LIMITED_TO_FULL = np.clip(np.rint((np.arange(256) - _BLACK) * _TO_FULL), 0, 255).astype(np.uint8)
+"""Levels of full range by levels of limited range."""
+
 
 class FramePixels:
     """Turn decoded frames into RGB or luma arrays; keeps FFmpeg's scaling context."""
@@ -45,16 +55,28 @@ class FramePixels:
     def grey(self, frame: VideoFrame) -> np.ndarray:
         """Return (H, W) uint8 luma, full range: the frame's own Y, no colour computed."""
         if frame.format.name in _PLANAR:
-            plane = frame.planes[0]
-            levels: np.ndarray = np.frombuffer(plane, np.uint8)  # type: ignore[call-overload]  # PyAV's stubs do not say that a plane is a buffer
-            luma = levels.reshape(-1, plane.line_size)[:, : frame.width]
-            if frame.color_range == _FULL_RANGE or frame.format.name in _FULL_RANGE_FORMATS:
+            luma, is_full_range = self.stored_luma(frame)
+            if is_full_range:
                 return luma.copy()
             above = cv2.max(luma, _BLACK)  # type: ignore[call-overload]  # it takes a number, too
             return np.asarray(
                 cv2.convertScaleAbs(above, alpha=_TO_FULL, beta=-_BLACK * _TO_FULL), np.uint8
             )
-        return self._reformatter.reformat(frame, format="gray", threads=1).to_ndarray()
+        return self.stored_luma(frame)[0]
+
+    def stored_luma(self, frame: VideoFrame) -> tuple[np.ndarray, bool]:
+        """Return (H, W) uint8 luma as the decoder left it, and whether it is of full range.
+
+        Nothing is copied where the frame has a plane of it: it is the frame's own memory then.
+        """
+        name = frame.format.name
+        if name not in _PLANAR:
+            grey = self._reformatter.reformat(frame, format="gray", threads=1).to_ndarray()
+            return grey, True
+        plane = frame.planes[0]
+        levels: np.ndarray = np.frombuffer(plane, np.uint8)  # type: ignore[call-overload]  # PyAV's stubs do not say that a plane is a buffer
+        luma = levels.reshape(-1, plane.line_size)[:, : frame.width]
+        return luma, frame.color_range == _FULL_RANGE or name in _FULL_RANGE_FORMATS
 
     def into(self, frame: VideoFrame, out: np.ndarray) -> None:
         """Fill `out`, (H, W, 1|3) uint8."""

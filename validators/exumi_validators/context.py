@@ -32,6 +32,7 @@ from exumi_data.store.access import FolderStore, ZipStore
 from exumi_data.store.shards import ArrayReader
 from exumi_data.store.zarr_document import ArrayDocument, ForeignLayoutError, layout_of
 from exumi_validators.expected_shapes import fits
+from exumi_validators.frame_statistics import FrameStatistics
 from exumi_validators.json_documents import LoadedDocument, load_document
 from exumi_validators.listing import Listing
 from exumi_validators.model_problems import parse_leniently
@@ -104,6 +105,8 @@ class EpisodeContext:
         Arrays that turned out to be unreadable, with the reason.
     scanned : set
         Arrays that were read to their end.
+    frame_statistics : dict
+        Tactile stream to the statistics of its frames, once they were decoded.
     """
 
     def __init__(self, store: FolderStore | ZipStore, listing: Listing) -> None:
@@ -112,6 +115,7 @@ class EpisodeContext:
         self.frames = 0
         self.unreadable: dict[str, str] = {}
         self.scanned: set[str] = set()
+        self.frame_statistics: dict[str, FrameStatistics] = {}
         self._nodes: dict[str, LoadedDocument | None] = {}
         self._readers: dict[str, ArrayReader | None] = {}
         self._layouts: dict[str, ArrayDocument | None] = {}

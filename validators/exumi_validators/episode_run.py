@@ -1,5 +1,6 @@
 """Validating one episode: in this process or in another."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -36,10 +37,12 @@ from exumi_validators.findings import Collector
 from exumi_validators.listing import list_folder, list_zip
 from exumi_validators.registry import Check, checks_of
 from exumi_validators.report import Problem, Skipped, Unchecked
+from exumi_validators.touch_measures import coarse
 
 __all__ = [
     "EpisodeFacts",
     "EpisodeResult",
+    "ReferenceFacts",
     "archive_checks",
     "episode_checks",
     "root_checks",
@@ -70,6 +73,17 @@ _UNOPENABLE = frozenset(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ReferenceFacts:
+    """The reference of a tactile stream whose sensor is known by its serial number."""
+
+    stream: str
+    model: str
+    serial: str
+    coarse: bytes
+    """See `exumi_validators.touch_measures.coarse`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeFacts:
     """What a dataset needs to know of an episode, as far as it can be known."""
 
@@ -79,6 +93,9 @@ class EpisodeFacts:
     digest: str | None = None
     object_id: str | None = None
     part_id: str | None = None
+    start: str | None = None
+    references: tuple[ReferenceFacts, ...] = ()
+    """Known once frames were decoded."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -233,4 +250,18 @@ def _facts(episode: EpisodeContext) -> EpisodeFacts:
         root_sha256=episode.root_sha256(),
         object_id=notes.object_id if notes else None,
         part_id=notes.part_id if notes else None,
+        start=episode.section("start"),
+        references=tuple(_references(episode)),
     )
+
+
+def _references(episode: EpisodeContext) -> Iterator[ReferenceFacts]:
+    for name, statistics in episode.frame_statistics.items():
+        sensor = episode.streams[name].sensor
+        if statistics.reference is not None and sensor is not None and sensor.serial:
+            yield ReferenceFacts(
+                stream=name,
+                model=sensor.model,
+                serial=sensor.serial,
+                coarse=coarse(statistics.reference),
+            )

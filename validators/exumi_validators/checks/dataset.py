@@ -3,9 +3,12 @@
 from collections import Counter
 from collections.abc import Iterator
 
+import numpy as np
+
 from exumi_data.catalog import CATALOG_NAME, episode_path
 from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.model.dataset import DATASET_FORMAT, DatasetMetadata, SplitDocument
+from exumi_data.standard import rules
 from exumi_validators.context import newer_minor
 from exumi_validators.dataset_context import DatasetContext
 from exumi_validators.document_rules import (
@@ -15,9 +18,10 @@ from exumi_validators.document_rules import (
     licence_problems,
     model_rule_problems,
 )
+from exumi_validators.episode_run import ReferenceFacts
 from exumi_validators.findings import problem
-from exumi_validators.registry import check
-from exumi_validators.report import Problem
+from exumi_validators.registry import Finding, check
+from exumi_validators.report import Problem, Skipped
 
 __all__ = [
     "catalog_digests",
@@ -33,6 +37,7 @@ __all__ = [
     "oddities",
     "once",
     "places",
+    "same_gel",
     "split_coverage",
     "split_ids",
     "split_names",
@@ -270,3 +275,37 @@ def catalog_digests(dataset: DatasetContext) -> Iterator[Problem]:
         if facts.digest != row["digest"]:
             found = str(row["digest"])
             yield problem("CAT-004", CATALOG_NAME, index=index, expected=facts.digest, found=found)
+
+
+@check("TACT-012")
+def same_gel(dataset: DatasetContext) -> Iterator[Finding]:
+    """Judge that the reference of a sensor stays what it was, episode after episode."""
+    by_sensor: dict[tuple[str, str], list[tuple[str, ReferenceFacts]]] = {}
+    in_order = sorted(dataset.facts.items(), key=lambda item: (item[1].start or "", item[0]))
+    for path, facts in in_order:
+        for reference in facts.references:
+            by_sensor.setdefault((reference.model, reference.serial), []).append((path, reference))
+    for references in by_sensor.values():
+        yield from _gel_findings(references)
+    if not any(len(references) > 1 for references in by_sensor.values()):
+        yield Skipped("TACT-012", "no sensor with a serial and references of two episodes", ".")
+
+
+def _gel_findings(references: list[tuple[str, ReferenceFacts]]) -> Iterator[Finding]:
+    """Compare each reference with the one that the sensor had since its last change."""
+    limit = rules()["TACT-012"].limits["mean_grey_levels"]
+    since, first = references[0]
+    for path, reference in references[1:]:
+        levels = np.frombuffer(first.coarse, np.uint8).astype(np.int16)
+        levels -= np.frombuffer(reference.coarse, np.uint8)
+        found = float(np.abs(levels).mean())
+        if found > limit:
+            yield problem(
+                "TACT-012",
+                f"{path}/streams/{reference.stream}/reference",
+                expected=since,
+                found=round(found, 1),
+                sensor=f"{reference.model} {reference.serial}",
+                limit=limit,
+            )
+            since, first = path, reference

@@ -15,6 +15,7 @@ from exumi_validators.findings import problem
 from exumi_validators.frozen import FrozenFrames
 from exumi_validators.registry import check
 from exumi_validators.report import Problem
+from exumi_validators.touch_pass import begin_statistics
 
 __all__ = ["MAX_FRAME_BYTES", "array_frames", "encoded_frames", "frames", "offsets"]
 
@@ -90,7 +91,7 @@ def encoded_frames(episode: EpisodeContext, name: str, images: EncodedImages) ->
     if math.prod(size) > MAX_FRAME_BYTES or f"{base}/offset" not in episode.scanned:
         return
     out = np.empty(size, dtype=np.uint8)
-    frozen = FrozenFrames()
+    frozen, statistics = FrozenFrames(), begin_statistics(episode, name)
     for start, (time, crc) in episode.blocks(f"{base}/time", f"{base}/crc32c"):
         edges = offset.rows(start, start + len(time) + 1).tolist()
         for row, instant in enumerate(time.tolist()):
@@ -106,9 +107,15 @@ def encoded_frames(episode: EpisodeContext, name: str, images: EncodedImages) ->
                 reason = str(getattr(error, "what", error))
                 yield problem("IMG-006", f"{base}/data", index=index, detail=reason)
                 continue
-            yield from _file_problems(file, index, f"{base}/data", int(crc[row]), images, out)
+            mistakes = list(_file_problems(file, index, f"{base}/data", int(crc[row]), images, out))
+            yield from mistakes
+            if statistics is not None and not mistakes and statistics.wants(index):
+                statistics.add(index, out)
+                statistics.search(index, out)
             episode.frames += 1
             yield from _frozen(frozen.add(index, instant, hash(file)), f"{base}/data")
+    if statistics is not None:
+        statistics.end()
     yield from _frozen(frozen.end(), f"{base}/data")
 
 
@@ -156,7 +163,7 @@ def array_frames(episode: EpisodeContext, name: str) -> Iterator[Problem]:
     data, count = episode.reader(f"{base}/data"), episode.count(name)
     if data is None or data.shape[0] != count:
         return
-    frozen = FrozenFrames()
+    frozen, statistics = FrozenFrames(), begin_statistics(episode, name)
     for start, (time,) in episode.blocks(f"{base}/time"):
         for row, instant in enumerate(time.tolist()):
             index = start + row
@@ -166,8 +173,14 @@ def array_frames(episode: EpisodeContext, name: str) -> Iterator[Problem]:
                 reason = str(getattr(error, "what", error))
                 yield problem("IMG-006", f"{base}/data", index=index, detail=reason)
                 continue
+            if statistics is not None and statistics.wants(index):
+                image = np.frombuffer(frame, np.uint8).reshape(data.shape[1:])
+                statistics.add(index, image)
+                statistics.search(index, image)
             episode.frames += 1
             yield from _frozen(frozen.add(index, instant, hash(frame)), f"{base}/data")
+    if statistics is not None:
+        statistics.end()
     yield from _frozen(frozen.end(), f"{base}/data")
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,9 +12,14 @@ from exumi_data.model.streams import RgbStream, StreamModel, TactileStream
 from exumi_data.time import apply_clock
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import problem
+from exumi_validators.frame_statistics import FrameStatistics
 from exumi_validators.registry import check
 from exumi_validators.report import Problem
+from exumi_validators.touch_pass import begin_statistics
 from exumi_validators.video_file import VideoFileReader, looks_like
+
+if TYPE_CHECKING:
+    from exumi_data.store.video import FramePixels
 
 __all__ = ["containers", "file_index", "file_offsets", "keyframes", "pts_ascends", "time_of_pts"]
 
@@ -214,7 +219,7 @@ def containers(episode: EpisodeContext) -> Iterator[Problem]:
         data, edges = episode.reader(f"streams/{name}/data"), _edges(episode, name)
         if data is None or edges is None or not _index_is_sound(episode, name, images):
             continue
-        listed = _Listed(episode, name)
+        listed, statistics = _Listed(episode, name), begin_statistics(episode, name)
         for index, file in enumerate(images.files):
             container = VideoFileReader(data, edges[index], edges[index + 1])
             path = f"streams/{name}/data"
@@ -222,10 +227,14 @@ def containers(episode: EpisodeContext) -> Iterator[Problem]:
                 found = container.sha256()
                 if found != file.sha256:
                     yield problem("VID-006", path, index=index, expected=file.sha256, found=found)
-                yield from _container_problems(episode, path, index, container, images, listed)
+                yield from _container_problems(
+                    episode, path, index, container, images, listed, statistics
+                )
             except (ExumiError, OSError) as error:
                 detail = f"cannot be read: {getattr(error, 'what', error)}"
                 yield problem("VID-007", path, index=index, detail=detail)
+        if statistics is not None:
+            statistics.end()
 
 
 class _Listed:
@@ -264,6 +273,7 @@ def _container_problems(
     container: VideoFileReader,
     images: VideoImages,
     listed: _Listed,
+    statistics: FrameStatistics | None,
 ) -> Iterator[Problem]:
     from exumi_data.store.video import VideoDecoder  # PyAV is slow to import
 
@@ -278,7 +288,7 @@ def _container_problems(
         if mistake:
             yield problem("VID-007", path, index=number, detail=mistake)
             return
-        yield from _decoded_problems(episode, path, number, decoder, images, listed)
+        yield from _decoded_problems(episode, path, number, decoder, images, listed, statistics)
 
 
 def _declaration_mistake(decoder: Any, file: VideoFile, images: VideoImages) -> str | None:
@@ -301,8 +311,11 @@ def _decoded_problems(
     decoder: Any,
     images: VideoImages,
     listed: _Listed,
+    statistics: FrameStatistics | None,
 ) -> Iterator[Problem]:
-    unlisted = 0
+    from exumi_data.store.video import FramePixels
+
+    unlisted, pixels = 0, FramePixels()
     first_unlisted: int | None = None
     for frame in decoder.frames():
         while (row := listed.of_file(number)) and row[1] < frame.pts:
@@ -316,6 +329,8 @@ def _decoded_problems(
         if (frame.height, frame.width) != (images.height, images.width):
             detail = f"it is {frame.width}x{frame.height}"
             yield problem("VID-008", path, index=index, detail=detail)
+        elif statistics is not None and statistics.wants(index):
+            _look_at(frame, index, pixels, statistics)
         if is_keyframe and not frame.key_frame:
             yield problem("VID-010", path, index=index)
         episode.frames += 1
@@ -326,3 +341,13 @@ def _decoded_problems(
         listed.step()
     if first_unlisted is not None:
         yield problem("VID-009", path, index=number, found=unlisted, expected=first_unlisted)
+
+
+def _look_at(frame: Any, index: int, pixels: "FramePixels", statistics: FrameStatistics) -> None:
+    """Hand on a frame: its luma as it is stored, for colours cost as much as decoding."""
+    from exumi_data.store.video import LIMITED_TO_FULL
+
+    luma, is_full_range = pixels.stored_luma(frame)
+    statistics.add(index, luma, levels=None if is_full_range else LIMITED_TO_FULL)
+    if statistics.searches(index):
+        statistics.search(index, pixels.rgb(frame))

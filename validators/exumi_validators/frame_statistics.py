@@ -1,0 +1,191 @@
+"""What the one pass over the frames of a tactile stream leaves behind for the rules of touch.
+
+Frames are decoded once, by the checks of images and of video. They hand frames on to here, where a
+few are looked at, and of those only a few pixels: that must cost little against decoding. Memory
+does not grow with the number of frames.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from exumi_data.tactile import thumbnail, to_grey
+from exumi_validators.touch_measures import Jumps, median_image, nearest_to
+
+__all__ = ["FrameStatistics", "GlanceLimits", "Tally"]
+
+UInt8Array = npt.NDArray[np.uint8]
+
+_GLANCE_EVERY = 8
+_GLANCE_PIXELS = 600
+_BATCH = 64
+_FEWEST = 3
+_TO_GREY = np.array([0.299, 0.587, 0.114], np.float32)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GlanceLimits:
+    """What a frame is called dark or saturated by.
+
+    Attributes
+    ----------
+    dark_level : float
+        Mean grey level below which a frame is dark.
+    saturated_level : float
+        Grey level from which a pixel is saturated.
+    saturated_share : float
+        Share of saturated pixels above which a frame is saturated.
+    """
+
+    dark_level: float
+    saturated_level: float
+    saturated_share: float
+
+
+@dataclass(slots=True)
+class Tally:
+    """Frames of which something is true: how many, the first, and its value."""
+
+    count: int = 0
+    first: int = -1
+    value: float = 0.0
+
+    def add(self, frames: npt.NDArray[np.int64], values: npt.NDArray[np.float32]) -> None:
+        """Count frames, ascending."""
+        if frames.size and not self.count:
+            self.first, self.value = int(frames[0]), float(values[0])
+        self.count += int(frames.size)
+
+
+class FrameStatistics:
+    """Statistics of the frames of one tactile stream.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Height and width of a frame.
+    limits : GlanceLimits
+    kept : iterable of int
+        Frames that thumbnails are kept of.
+    searched : iterable of int
+        Frames that are searched for jumps.
+    ignored : ndarray of bool, shape (N,), optional
+        Frames that are not judged.
+    reference : (h, w) uint8, optional
+        Grey thumbnail of the stream's reference.
+
+    Attributes
+    ----------
+    reference : ndarray or None
+        As it was given.
+    glanced : int
+        Frames whose level was judged.
+    dark, saturated : Tally
+        Those that are too dark, or saturated.
+    thumbnails : dict
+        Frame to its (h, w) uint8 grey thumbnail.
+    jumps : Jumps
+    """
+
+    def __init__(
+        self,
+        size: tuple[int, int],
+        limits: GlanceLimits,
+        *,
+        kept: Iterable[int],
+        searched: Iterable[int],
+        ignored: npt.NDArray[np.bool_] | None = None,
+        reference: UInt8Array | None = None,
+    ) -> None:
+        self.glanced = 0
+        self.reference = reference
+        self.dark, self.saturated, self.jumps = Tally(), Tally(), Jumps()
+        self.thumbnails: dict[int, UInt8Array] = {}
+        self._limits = limits
+        self._kept, self._searched = frozenset(kept), frozenset(searched)
+        self._ignored = ignored
+        step = max(1, math.isqrt(size[0] * size[1] // _GLANCE_PIXELS))
+        first = (min(step // 2, size[0] - 1), min(step // 2, size[1] - 1))
+        self._chosen = slice(first[0], None, step), slice(first[1], None, step)
+        self._pixels: list[UInt8Array] = []
+        self._frames: list[int] = []
+        self._levels: UInt8Array | None = None
+
+    def wants(self, index: int) -> bool:
+        """Whether a frame is to be looked at."""
+        return index % _GLANCE_EVERY == 0 or index in self._kept or index in self._searched
+
+    @cached_property
+    def quiet(self) -> UInt8Array | None:
+        """The median of the kept frames that resemble the reference most, (h, w) grey.
+
+        None where there is nothing to compare: no reference, or too few frames.
+        """
+        reference, images = self.reference, list(self.thumbnails.values())
+        if reference is None or len(images) < _FEWEST:
+            return None
+        if any(image.shape != reference.shape for image in images):
+            return None
+        return median_image(nearest_to(reference, images))
+
+    def searches(self, index: int) -> bool:
+        """Whether a frame is searched for jumps, for which its colours are needed."""
+        return index in self._searched
+
+    def add(self, index: int, frame: UInt8Array, *, levels: UInt8Array | None = None) -> None:
+        """Take a frame.
+
+        Parameters
+        ----------
+        index : int
+        frame : (H, W), (H, W, 1) or (H, W, 3) uint8
+            It may be used again by the caller.
+        levels : (256,) uint8, optional
+            The grey level that each stored level stands for; the same for all frames.
+        """
+        if index % _GLANCE_EVERY == 0:
+            self._levels = levels
+            self._pixels.append(frame[self._chosen].copy())
+            self._frames.append(index)
+            if len(self._frames) == _BATCH:
+                self.end()
+        if index in self._kept:
+            small = thumbnail(to_grey(frame))
+            self.thumbnails[index] = small if levels is None else levels[small]
+
+    def search(self, index: int, frame: UInt8Array) -> None:
+        """Search a frame, (H, W, C) uint8, for jumps; others than those asked for are ignored."""
+        if index in self._searched:
+            self.jumps.add(frame)
+
+    def end(self) -> None:
+        """Judge what was collected since the last time."""
+        if not self._frames:
+            return
+        frames = np.array(self._frames, np.int64)
+        grey = self._grey(np.stack(self._pixels))
+        self._pixels.clear()
+        self._frames.clear()
+        if self._ignored is not None:
+            judged = ~self._ignored[frames]
+            frames, grey = frames[judged], grey[judged]
+        limits = self._limits
+        self.glanced += len(frames)
+        mean = grey.mean(axis=1)
+        share = (grey >= limits.saturated_level).mean(axis=1, dtype=np.float32)
+        dark, saturated = mean < limits.dark_level, share > limits.saturated_share
+        self.dark.add(frames[dark], mean[dark])
+        self.saturated.add(frames[saturated], share[saturated])
+
+    def _grey(self, pixels: UInt8Array) -> npt.NDArray[np.float32]:
+        """Grey levels, (n, pixels)."""
+        if self._levels is not None:
+            pixels = self._levels[pixels]
+        flat = pixels.astype(np.float32)
+        if pixels.ndim == 4:
+            flat = flat @ _TO_GREY if pixels.shape[3] == 3 else flat[..., 0]
+        return flat.reshape(len(pixels), -1)

@@ -1,0 +1,184 @@
+"""Measures on small grey images of touch: quiet images, differences, shifts, jumps."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = [
+    "Jumps",
+    "Shift",
+    "coarse",
+    "difference",
+    "median_image",
+    "nearest_to",
+    "pattern_difference",
+    "shift_between",
+    "texture",
+]
+
+UInt8Array = npt.NDArray[np.uint8]
+Float32Array = npt.NDArray[np.float32]
+
+_NEAREST = 1 / 3  # of the images, which come from all over the stream
+_JUMP_ROWS = 16
+# Chroma that was stored at half the resolution spreads an edge over two pixels.
+_JUMP_PIXELS = 2
+_JUMP = 128
+_STEP = 64
+_COARSE = 9  # pixels of a thumbnail: what is wider is light, not pattern
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """By how much one image is displaced against another.
+
+    Attributes
+    ----------
+    right, down : float
+        Pixels of the images that were compared.
+    left_over : float
+        Difference of the patterns that is left when the shift is undone, as a share of what it
+        was.
+    """
+
+    right: float
+    down: float
+    left_over: float
+
+    @property
+    def length(self) -> float:
+        """Its length, pixels."""
+        return float(np.hypot(self.right, self.down))
+
+
+@dataclass(slots=True)
+class Jumps:
+    """Steps of grey level between near pixels of a row, channel by channel.
+
+    Attributes
+    ----------
+    pairs : int
+        Pairs of pixels in one channel.
+    steps, jumps : ndarray of int64, shape (C,)
+        Pairs that differ by 65 to 128 levels, and by more.
+    """
+
+    pairs: int = 0
+    steps: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
+    jumps: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
+
+    def add(self, frame: UInt8Array) -> None:
+        """Look through a frame, (H, W, C)."""
+        import cv2
+
+        every = max(1, frame.shape[0] // _JUMP_ROWS)
+        rows = np.ascontiguousarray(frame[every // 2 :: every])
+        if rows.shape[1] <= _JUMP_PIXELS:
+            return
+        step = np.asarray(cv2.absdiff(rows[:, _JUMP_PIXELS:], rows[:, :-_JUMP_PIXELS]), np.uint8)
+        step = step.reshape(-1, frame.shape[2])
+        self.pairs += len(step)
+        if step.max() <= _STEP:  # as in most frames
+            return
+        for channel in range(step.shape[1]):
+            jumps = np.count_nonzero(step[:, channel] > _JUMP)
+            self.jumps[channel] += jumps
+            self.steps[channel] += np.count_nonzero(step[:, channel] > _STEP) - jumps
+
+    def rates(self) -> tuple[float, float]:
+        """Return jumps of 10,000 pairs of pixels, and jumps a step, in the channel with most."""
+        channel = int(self.jumps.argmax())
+        jumps, steps = int(self.jumps[channel]), int(self.steps[channel])
+        return jumps * 1e4 / max(self.pairs, 1), jumps / max(steps, 1)
+
+
+def difference(image: UInt8Array, reference: UInt8Array) -> UInt8Array:
+    """Return the absolute difference of two images of one shape, grey levels."""
+    return np.maximum(image, reference) - np.minimum(image, reference)
+
+
+def nearest_to(reference: UInt8Array, images: Collection[UInt8Array]) -> list[UInt8Array]:
+    """Return the third of some images that differs least from a reference, the nearest first.
+
+    Parameters
+    ----------
+    reference : (h, w) uint8
+    images : collection of (h, w) uint8
+
+    Returns
+    -------
+    list of (h, w) uint8
+        At least one.
+    """
+    import cv2
+
+    count = max(1, round(_NEAREST * len(images)))
+    return sorted(images, key=lambda image: cv2.norm(image, reference, cv2.NORM_L1))[:count]
+
+
+def median_image(images: Collection[UInt8Array]) -> UInt8Array:
+    """Return the median of images, pixel by pixel."""
+    from exumi_data.tactile import reference_image
+
+    return reference_image(list(images))
+
+
+def coarse(image: UInt8Array) -> bytes:
+    """Return an image's light, averaged to 16 by 12 pixels, row by row: small enough to keep."""
+    import cv2
+
+    return cv2.resize(image, (16, 12), interpolation=cv2.INTER_AREA).tobytes()
+
+
+def texture(image: UInt8Array) -> float:
+    """Return the standard deviation of an image's pattern, grey levels."""
+    return float(_pattern(image).std())
+
+
+def pattern_difference(image: UInt8Array, reference: UInt8Array) -> float:
+    """Return the mean absolute difference of two images, whatever their mean level."""
+    levels = image.astype(np.float32) - reference
+    return float(np.abs(levels - np.median(levels)).mean())
+
+
+def shift_between(reference: UInt8Array, image: UInt8Array) -> Shift:
+    """Find the shift that leads from a reference to an image, by phase correlation.
+
+    Parameters
+    ----------
+    reference, image : (h, w) uint8
+        Of one shape, at least 16 pixels high and wide.
+
+    Returns
+    -------
+    Shift
+    """
+    import cv2
+
+    before, after = _pattern(reference), _pattern(image)
+    window = cv2.createHanningWindow((before.shape[1], before.shape[0]), cv2.CV_32F)
+    (right, down), _ = cv2.phaseCorrelate(before, after, window)
+    back = np.array([[1, 0, right], [0, 1, down]], np.float32)
+    size = (before.shape[1], before.shape[0])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    undone = np.asarray(cv2.warpAffine(after, back, size, flags=flags))
+    rows, columns = _inside(before.shape[0], down), _inside(before.shape[1], right)
+    was = np.abs(after - before)[rows, columns].mean()
+    is_now = np.abs(undone - before)[rows, columns].mean()
+    return Shift(float(right), float(down), float(is_now / max(float(was), 1e-6)))
+
+
+def _inside(length: int, shift: float) -> slice:
+    """Leave out the margin that nothing is known of once a shift is undone."""
+    margin = min(int(np.ceil(abs(shift))) + 1, length // 4)
+    return slice(margin, length - margin)
+
+
+def _pattern(image: UInt8Array) -> Float32Array:
+    import cv2
+
+    levels = image.astype(np.float32)
+    fine = cv2.GaussianBlur(levels, (3, 3), 0)
+    return np.asarray(fine - cv2.blur(levels, (_COARSE, _COARSE)), np.float32)
