@@ -34,7 +34,7 @@ class LatencyEstimate:
 
 
 def combine(
-    estimates: Sequence[LatencyEstimate], *, floor_s: float, method: str
+    estimates: Sequence[LatencyEstimate | None], *, floor_s: float, method: str
 ) -> LatencyEstimate | None:
     """Combine estimates of the same latency, so that single wrong ones do little harm.
 
@@ -43,7 +43,8 @@ def combine(
 
     Parameters
     ----------
-    estimates : sequence of LatencyEstimate
+    estimates : sequence of LatencyEstimate or None
+        None where an event does not tell.
     floor_s : float
         What all of them have in common and no number of events averages out, seconds.
     method : str
@@ -51,12 +52,13 @@ def combine(
     Returns
     -------
     LatencyEstimate or None
-        None of no estimates.
+        None where less than half of the events tell: what the others say is chance then.
     """
-    if not estimates:
+    told = [estimate for estimate in estimates if estimate is not None]
+    if not told or 2 * len(told) < len(estimates):
         return None
-    offset = np.array([estimate.offset_s for estimate in estimates])
-    sigma = np.array([estimate.sigma_s for estimate in estimates])
+    offset = np.array([estimate.offset_s for estimate in told])
+    sigma = np.array([estimate.sigma_s for estimate in told])
     centre = _weighted_median(offset, 1.0 / sigma**2)
     weight = 1.0 / sigma**2
     for _ in range(_ROUNDS):
@@ -70,7 +72,7 @@ def combine(
     return LatencyEstimate(
         offset_s=centre,
         sigma_s=float(np.hypot(np.sqrt(variance), floor_s)),
-        n_events=sum(estimate.n_events for estimate in estimates),
+        n_events=sum(estimate.n_events for estimate in told),
         method=method,
     )
 

@@ -54,14 +54,14 @@ def estimate_tap_latency(
     if not taps or len(position_ns) < 2:
         return None
     chosen = np.unique(np.linspace(0, len(taps) - 1, _MOST_TAPS).round().astype(int))
-    found = []
+    found: list[LatencyEstimate | None] = []
     for tap in (taps[i] for i in chosen):
         way = _way_m(tactile_ns, position_ns, position_m, tap)
+        delay = None
         if way is not None:
-            found.append(touch_delay(tactile_ns, activity, position_ns, way, tap))
-    return combine(
-        [delay for delay in found if delay is not None], floor_s=_FLOOR_S, method=TAP_METHOD
-    )
+            delay = touch_delay(tactile_ns, activity, position_ns, way, tap)
+        found.append(delay)
+    return combine(found, floor_s=_FLOOR_S, method=TAP_METHOD)
 
 
 def _way_m(

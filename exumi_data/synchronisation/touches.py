@@ -73,9 +73,7 @@ def estimate_touch_latency(
         return None
     chosen = np.unique(np.linspace(0, len(touches) - 1, _MOST_TOUCHES).round().astype(int))
     found = [touch_delay(tactile_ns, activity, width_ns, width_m, touches[i]) for i in chosen]
-    return combine(
-        [delay for delay in found if delay is not None], floor_s=_FLOOR_S, method=TOUCH_METHOD
-    )
+    return combine(found, floor_s=_FLOOR_S, method=TOUCH_METHOD)
 
 
 def touch_delay(

@@ -75,7 +75,7 @@ def _against_width(episode: EpisodeContext, name: str) -> Iterator[Finding]:
         if found is None:
             yield from _skipped("no grasp that tells", path)
         else:
-            yield from _judged(episode, name, other, found, "grasps")
+            yield from _judged(episode, name, other, found, "grasp")
 
 
 def _against_touch(episode: EpisodeContext, name: str, tactile: list[str]) -> Iterator[Finding]:
@@ -88,7 +88,7 @@ def _against_touch(episode: EpisodeContext, name: str, tactile: list[str]) -> It
     for other in tactile:
         found = _by_taps(episode, other, pose)
         if found is not None:
-            yield from _judged(episode, name, other, found, "taps")
+            yield from _judged(episode, name, other, found, "tap")
             return
     yield from _skipped("no tap that tells", path)
 
@@ -119,9 +119,10 @@ def _may_grasp(episode: EpisodeContext) -> bool:
 
 
 def _judged(
-    episode: EpisodeContext, name: str, other: str, found: LatencyEstimate, events: str
+    episode: EpisodeContext, name: str, other: str, found: LatencyEstimate, event: str
 ) -> Iterator[Problem]:
     away = abs(found.offset_s)
+    sign = "late" if found.offset_s > 0 else "early"
     for code in ("SYNC-001", "SYNC-002"):
         sigmas = episode.limit(code, "sigmas")
         if away > max(episode.limit(code, "offset_s"), sigmas * found.sigma_s):
@@ -130,11 +131,12 @@ def _judged(
                 code,
                 ROOT,
                 pointer=(*EXUMI, "streams", name, "clock"),
-                expected=f"0 ms beyond the declared latency of {declared:.1f} ms",
-                found=f"{found.offset_s * 1e3:+.1f} ± {found.sigma_s * 1e3:.1f} ms",
+                expected="in step",
+                found=f"{away * 1e3:.1f} ± {found.sigma_s * 1e3:.1f} ms {sign}",
                 stream=name,
                 reference=other,
-                events=f"{found.n_events} {events}",
+                declared=f"{declared:.1f} ms",
+                events=f"{found.n_events} {event}{'s' * (found.n_events > 1)}",
             )
             return
 
