@@ -60,22 +60,20 @@ def _of_kind(episode: EpisodeContext, kind: str) -> list[str]:
 def _against_width(episode: EpisodeContext, name: str) -> Iterator[Finding]:
     """Judge a tactile stream by the grasps; the encoder, which has hardly any, is believed."""
     path = f"streams/{name}"
-    touch = _activity(episode, name)
     other = _width_of(episode, name)
-    if isinstance(touch, str):
-        yield from _skipped(touch, path)
-    elif other is None:
+    if other is None:
         yield from _skipped("no width of the same gripper", path)
+        return
+    touch = _activity(episode, name)
+    width = _curve(episode, other, f"streams/{other}/data")
+    if isinstance(touch, str) or isinstance(width, str):
+        yield from _skipped(touch if isinstance(touch, str) else str(width), path)
+        return
+    found = estimate_touch_latency(touch.time_ns, touch.values, width.time_ns, width.values)
+    if found is None:
+        yield from _skipped("no grasp that tells", path)
     else:
-        width = _curve(episode, other, f"streams/{other}/data")
-        if isinstance(width, str):
-            yield from _skipped(width, path)
-            return
-        found = estimate_touch_latency(touch.time_ns, touch.values, width.time_ns, width.values)
-        if found is None:
-            yield from _skipped("no grasp that tells", path)
-        else:
-            yield from _judged(episode, name, other, found, "grasp")
+        yield from _judged(episode, name, other, found, "grasp")
 
 
 def _against_touch(episode: EpisodeContext, name: str, tactile: list[str]) -> Iterator[Finding]:
