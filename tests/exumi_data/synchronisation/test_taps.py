@@ -54,4 +54,4 @@ def test_taps(pad: GelPad, late_s: float, direction: tuple[float, float, float])
 def test_what_does_not_tell(pad: GelPad) -> None:
     assert tapped(pad, 0.0, (0.0, 0.0, 0.0)) is None, "the hand rests"
     none = np.zeros(0, np.int64)
-    assert estimate_tap_latency(none, none, none, np.zeros((0, 3)), []) is None
+    assert estimate_tap_latency(none, np.zeros(0), none, np.zeros((0, 3)), []) is None
