@@ -8,6 +8,7 @@ from corpus import bases
 from corpus.case import Case, as_zip, case, packed
 from corpus.datasets import dataset, split_by_part
 from corpus.draft import Draft
+from corpus.quality_sync import grasp, tap
 
 __all__ = ["valid_cases"]
 
@@ -168,6 +169,8 @@ def valid_cases() -> Iterator[Case]:
     yield case("calibration__array", "A calibration array.", calibration_array())
     yield case("source__converted_with_labels", "Provenance and labels.", converted())
     yield case("extension__kind_and_keys", "A third party's kind and keys.", bases.extension())
+    yield case("sync__grasp", "A grasp in step with the width.", grasp(0))
+    yield case("sync__tap", "A tap in step with the pose.", tap(0))
     yield case("version__newer_minor", "Version 1.9.", newer_minor())
     archive = as_zip(bases.derived().files())
     yield packed("packed__derived", "A packed episode.", archive)

@@ -1,0 +1,261 @@
+"""Streams against each other: what is found, what is not estimable."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exumi_data.model import ArrayImages, Clock, Embodiment, Frames
+from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_validators import Report, validate
+from tests.exumi_data.builders import CLOCK, metadata
+from tests.exumi_data.synchronisation.gripping import (
+    CONTACT_M,
+    activity,
+    as_ns,
+    frame_times,
+    width_m,
+)
+
+SECONDS = 8.0
+IMAGES = ArrayImages(encoding="array", height=4, width=4, channels=1)
+GRASPED, NOMINAL = "no grasp that tells", "times are nominal"
+Add = Callable[[EpisodeWriter], None]
+
+
+def tactile(
+    name: str = "tactile",
+    late_s: float = 0.0,
+    values: np.ndarray | None = None,
+    clock: Clock = CLOCK,
+    stored: bool = True,
+    **beside: Any,
+) -> Add:
+    """Add a tactile stream that is late."""
+
+    def add(writer: EpisodeWriter) -> None:
+        time_s = frame_times(SECONDS)
+        rate = "30" if clock.stamp_point == "nominal_rate" else None
+        if rate:
+            time_s = np.arange(len(time_s)) / 30
+        out = writer.add_stream(name, kind="tactile", clock=clock, images=IMAGES, nominal_rate=rate)
+        shape = (len(time_s), 4, 4, 1)
+        frames = np.random.default_rng(0).integers(0, 9, shape, dtype=np.uint8)
+        extra = {key: value(time_s) for key, value in beside.items()}
+        out.append(as_ns(time_s + late_s), frames, **extra)
+        out.set_reference(frames[0], method="captured")
+        shown = activity(time_s) if values is None else values[: len(time_s)]
+        if stored:
+            writer.add_derived(
+                name,
+                "activity",
+                shown.astype(np.float32),
+                algorithm="exumi-activity/1",
+                parameters={"threshold": 5.8, "size": 4, "active_above": 1e-3},
+            )
+
+    return add
+
+
+def width(name: str = "width", values: np.ndarray | None = None, clock: Clock = CLOCK) -> Add:
+    """Add the width of the gripper that grasps."""
+
+    def add(writer: EpisodeWriter) -> None:
+        time_s = np.arange(0, SECONDS, 0.01)
+        rate = "100" if clock.stamp_point == "nominal_rate" else None
+        out = writer.add_stream(name, kind="width", clock=clock, nominal_rate=rate)
+        out.append(as_ns(time_s), width_m(time_s) if values is None else values)
+
+    return add
+
+
+def pose(late_s: float = 0.0) -> Add:
+    """Add the pose of a hand that presses and leaves as the gripper would."""
+
+    def add(writer: EpisodeWriter) -> None:
+        time_s = np.arange(0, SECONDS, 1 / 90)
+        data = np.zeros((len(time_s), 7))
+        data[:, 1], data[:, 6] = width_m(time_s), 1.0
+        frames = Frames(parent="world", child="tcp")
+        writer.add_stream("pose", kind="pose", clock=CLOCK, frames=frames).append(
+            as_ns(time_s + late_s), data
+        )
+
+    return add
+
+
+@pytest.fixture
+def judged(tmp_path: Path) -> Callable[..., Report]:
+    """Write an episode of these streams and judge its arrays."""
+
+    def judge(*streams: Add, **changes: Any) -> Report:
+        path = tmp_path / "episode.zarr"
+        with EpisodeWriter(path, metadata(**changes), durable=False) as writer:
+            for add in streams:
+                add(writer)
+        report: Report = validate(path, levels=("arrays",))
+        assert report.coverage.unchecked == ()
+        return report
+
+    return judge
+
+
+def found(report: Report) -> list[tuple[str, str | None]]:
+    return [
+        (problem.code, problem.location.pointer)
+        for problem in report.problems
+        if problem.code.startswith("SYNC")
+    ]
+
+
+def skipped(report: Report) -> list[tuple[str, str]]:
+    rules = [item for item in report.coverage.skipped if item.code.startswith("SYNC")]
+    reasons = {
+        code: [(item.reason, item.path) for item in rules if item.code == code]
+        for code in ("SYNC-001", "SYNC-002")
+    }
+    assert reasons["SYNC-001"] == reasons["SYNC-002"], "both need the same"
+    return [(reason.removeprefix("not estimable: "), path) for reason, path in reasons["SYNC-001"]]
+
+
+def clock_of(name: str) -> str:
+    return f"/attributes/exumi/streams/{name}/clock"
+
+
+@pytest.mark.parametrize(
+    ("late_ms", "code"),
+    [
+        (0, None),
+        (3, None),
+        (-3, None),
+        (20, "SYNC-002"),
+        (-20, "SYNC-002"),
+        (45, "SYNC-002"),
+        (56, "SYNC-001"),
+        (-56, "SYNC-001"),
+        (600, "SYNC-001"),
+    ],
+)
+def test_what_remains(judged: Callable[..., Report], late_ms: int, code: str | None) -> None:
+    report = judged(width(), tactile(late_s=late_ms * 1e-3))
+    assert found(report) == ([(code, clock_of("tactile"))] if code else [])
+    assert skipped(report) == []
+
+
+def test_both_streams_and_the_uncertainty_are_named(judged: Callable[..., Report]) -> None:
+    report = judged(width(), tactile("finger", late_s=-0.2))
+    (problem,) = (problem for problem in report.problems if problem.code == "SYNC-001")
+    assert problem.found is not None
+    late, plus_minus, sigma, unit, sign = problem.found.split()
+    assert abs(float(late) - 200) < 3 * float(sigma)
+    assert (plus_minus, unit, sign) == ("±", "ms", "early")
+    assert problem.message.startswith("by 2 grasps, finger is")
+    assert problem.message.endswith("relative to width, beyond its declared latency of 0.0 ms")
+
+
+@pytest.mark.parametrize(("declared_ms", "code"), [(42, None), (0, "SYNC-002")])
+def test_the_declared_latency_counts(
+    judged: Callable[..., Report], declared_ms: int, code: str | None
+) -> None:
+    late_s = 0.042
+    clock = Clock(
+        source="simulation",
+        stamp_point="simulated",
+        latency_ns=declared_ms * 1_000_000,
+        raw_time="time_host",
+    )
+    stream = tactile(
+        late_s=late_s - declared_ms * 1e-3,
+        clock=clock,
+        time_host=lambda time_s: as_ns(time_s + late_s),
+    )
+    report = judged(width(), stream)
+    assert found(report) == ([(code, clock_of("tactile"))] if code else [])
+    assert {problem.code for problem in report.problems} <= {"SYNC-002"}
+
+
+def test_each_finger_is_judged(judged: Callable[..., Report]) -> None:
+    report = judged(width(), tactile("tactile_left"), tactile("tactile_right", late_s=0.1))
+    assert found(report) == [("SYNC-001", clock_of("tactile_right"))]
+
+
+def test_of_several_grippers_names_tell_which(judged: Callable[..., Report]) -> None:
+    other = width_m(np.arange(0, SECONDS, 0.01) + 0.5)
+    report = judged(
+        width("width_left"),
+        width("width_right", other),
+        tactile("tactile_left"),
+        tactile("tactile_right"),
+        tactile("tactile_head"),
+    )
+    assert found(report) == [("SYNC-001", clock_of("tactile_right"))]
+    assert skipped(report) == [("no width of the same gripper", "streams/tactile_head")]
+
+
+def test_invalid_samples_are_left_out(judged: Callable[..., Report]) -> None:
+    def jammed(time_s: np.ndarray) -> np.ndarray:
+        return np.where(np.arange(len(time_s)) % 9 == 0, 8, 0)
+
+    values = activity(frame_times(SECONDS))
+    values[::9] = 0.5
+    assert found(judged(width(), tactile(values=values, flags=jammed))) == []
+
+
+@pytest.mark.parametrize(
+    ("streams", "reason"),
+    [
+        ([tactile()], "no width of the same gripper"),
+        ([width("width_left"), width("width_right"), tactile()], "no width of the same gripper"),
+        ([width(), tactile(stored=False)], "no stored activity"),
+        ([width(), tactile(values=np.zeros(999))], GRASPED),
+        ([width(values=np.full(800, 0.05)), tactile()], GRASPED),
+        ([width(clock=Clock(source="none", stamp_point="nominal_rate")), tactile()], NOMINAL),
+        ([width(), tactile(clock=Clock(source="none", stamp_point="nominal_rate"))], NOMINAL),
+    ],
+)
+def test_not_estimable(judged: Callable[..., Report], streams: list[Add], reason: str) -> None:
+    report = judged(*streams)
+    assert found(report) == []
+    assert skipped(report) == [(reason, "streams/tactile")]
+
+
+def test_without_touch_there_is_nothing_to_compare(judged: Callable[..., Report]) -> None:
+    assert skipped(judged(width(), pose())) == [("no tactile stream", "zarr.json")]
+
+
+PROBE = Embodiment(name="probe", gripper="none")
+RESTING = width(values=np.full(800, CONTACT_M))
+
+
+@pytest.mark.parametrize(
+    ("late_ms", "code"), [(0, None), (-30, "SYNC-002"), (30, "SYNC-002"), (100, "SYNC-001")]
+)
+@pytest.mark.parametrize(
+    ("streams", "changes"), [([], {"embodiment": PROBE}), ([RESTING], {})], ids=["probe", "resting"]
+)
+def test_taps(
+    judged: Callable[..., Report],
+    late_ms: int,
+    code: str | None,
+    streams: list[Add],
+    changes: dict[str, Any],
+) -> None:
+    report = judged(*streams, tactile(), pose(late_ms * 1e-3), **changes)
+    assert found(report) == ([(code, clock_of("pose"))] if code else [])
+
+
+@pytest.mark.parametrize("changes", [{}, {"embodiment": Embodiment(name="hand")}])
+def test_a_hand_that_may_grasp_is_not_judged_by_taps(
+    judged: Callable[..., Report], changes: dict[str, Any]
+) -> None:
+    report = judged(tactile(), pose(0.1), **changes)
+    assert found(report) == []
+    assert ("no tap that tells", "streams/pose") in skipped(report)
+
+
+def test_touch_that_is_out_of_step_judges_no_pose(judged: Callable[..., Report]) -> None:
+    report = judged(width(), tactile(late_s=0.1), pose())
+    assert found(report) == [("SYNC-001", clock_of("tactile"))]
+    assert skipped(report) == [("no tap that tells", "streams/pose")]
