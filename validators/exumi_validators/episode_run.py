@@ -4,10 +4,10 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 from exumi_data.errors import ExumiError
-from exumi_data.model.description import Annotations
+from exumi_data.model.description import Annotations, Label
 from exumi_data.standard import LEVELS, Level
 from exumi_data.store.access import FolderStore, ZipStore
 from exumi_data.store.digest import digest_of
@@ -32,7 +32,7 @@ from exumi_validators.checks import (
     video,
 )
 from exumi_validators.context import EpisodeContext
-from exumi_validators.findings import Collector
+from exumi_validators.findings import Collector, show
 from exumi_validators.listing import list_folder, list_zip
 from exumi_validators.registry import Check, checks_of
 from exumi_validators.report import Problem, Skipped, Unchecked
@@ -40,6 +40,7 @@ from exumi_validators.report import Problem, Skipped, Unchecked
 __all__ = [
     "EpisodeFacts",
     "EpisodeResult",
+    "LabelFact",
     "archive_checks",
     "episode_checks",
     "root_checks",
@@ -63,10 +64,20 @@ _EPISODE_MODULES: tuple[ModuleType, ...] = (
     touch,
     sync,
 )
+# Of one episode: more than anybody writes.
+_MOST_LABELS = 100
 # What ZipStore refuses to open.
 _UNOPENABLE = frozenset(
     ("PACK-001", "PACK-002", "PACK-003", "PACK-004", "PACK-007", "SAFE-001", "SAFE-002")
 )
+
+
+class LabelFact(NamedTuple):
+    """What a label says, in words; all labels of all episodes are in memory at once."""
+
+    property: str
+    source: str
+    value: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,6 +90,9 @@ class EpisodeFacts:
     digest: str | None = None
     object_id: str | None = None
     part_id: str | None = None
+    instance_id: str | None = None
+    regime: str | None = None
+    labels: tuple[LabelFact, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,10 +241,19 @@ def _result(
 
 def _facts(episode: EpisodeContext) -> EpisodeFacts:
     notes: Annotations | None = episode.section("annotations")
+    labels = (notes.labels or []) if notes else []
     return EpisodeFacts(
         id=episode.section("id"),
         revision=episode.section("revision"),
         root_sha256=episode.root_sha256(),
         object_id=notes.object_id if notes else None,
         part_id=notes.part_id if notes else None,
+        instance_id=notes.instance_id if notes else None,
+        regime=episode.section("regime"),
+        labels=tuple(_label_fact(label) for label in labels[:_MOST_LABELS]),
     )
+
+
+def _label_fact(label: Label) -> LabelFact:
+    source = f"{label.provenance}: {label.origin or ''}"
+    return LabelFact(show(label.property), show(source), show(label.value))
