@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -12,11 +13,11 @@ __all__ = [
     "Break",
     "Change",
     "Reach",
+    "Steps",
     "Still",
     "StillLimits",
     "find_breaks",
     "find_still",
-    "pose_steps",
 ]
 
 _NS = 1e-9
@@ -43,15 +44,15 @@ class Reach:
     step: float
     acceleration: float
 
-    def allowance(self, seconds: Float64Array) -> Float64Array:
+    def allowance(self, step_s: Float64Array) -> Float64Array:
         """Return by how much steps may differ from their neighbours.
 
         Parameters
         ----------
-        seconds : (M,) float64
-            How long the steps take.
+        step_s : float64, any shape
+            How long the steps take, seconds.
         """
-        return np.maximum(self.step, self.acceleration * seconds**2)
+        return np.maximum(self.step, self.acceleration * step_s * step_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,37 +75,50 @@ class Break:
     turned: float
 
 
-def pose_steps(poses: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return how far each pose is from the one before.
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """The steps of a track of poses.
 
-    Parameters
+    Attributes
     ----------
-    poses : (N, 7) float64
-
-    Returns
-    -------
     moved, turned : (N - 1,) float64
         Metres and radians; whatever comes out of values that are not finite.
+    step_s : (N - 1,) float64
+        How long each step takes, seconds.
+    joined : (N - 1,) bool
+        Steps that can be judged.
     """
-    with np.errstate(all="ignore"):
-        moved = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
-        turned = _angle(poses[1:, 3:], poses[:-1, 3:])
-    return moved, turned
+
+    moved: Float64Array
+    turned: Float64Array
+    step_s: Float64Array
+    joined: BoolArray
+
+    @classmethod
+    def of(cls, poses: Float64Array, step_s: Float64Array, joined: BoolArray) -> "Steps":
+        """Return the steps of (N, 7) poses.
+
+        Parameters
+        ----------
+        poses : (N, 7) float64
+        step_s : (N - 1,) float64
+        joined : (N - 1,) bool
+        """
+        with np.errstate(all="ignore"):
+            way = poses[1:, :3] - poses[:-1, :3]
+            moved = np.sqrt(np.einsum("ij,ij->i", way, way))
+            return cls(moved, _angle(poses[1:, 3:], poses[:-1, 3:]), step_s, joined)
 
 
 def _angle(a: Float64Array, b: Float64Array) -> Float64Array:
     """Return the angle between rotations; also where norms are off, which other rules say."""
-    scale = np.sqrt((a * a).sum(axis=-1) * (b * b).sum(axis=-1))
-    cosine = np.abs((a * b).sum(axis=-1)) / np.where(scale > 0, scale, 1.0)
+    product = np.einsum("ij,ij->i", a, a) * np.einsum("ij,ij->i", b, b)
+    cosine = np.abs(np.einsum("ij,ij->i", a, b)) / np.sqrt(np.where(product > 0, product, 1.0))
     return np.asarray(2.0 * np.arccos(np.minimum(cosine, 1.0)), np.float64)
 
 
 def find_breaks(
-    poses: Float64Array,
-    step_s: Float64Array,
-    joined: BoolArray,
-    linear: Reach,
-    angular: Reach,
+    poses: Float64Array, steps: Steps, linear: Reach, angular: Reach, *, most: int
 ) -> list[Break]:
     """Find where a track goes too fast, or is broken.
 
@@ -115,30 +129,26 @@ def find_breaks(
     Parameters
     ----------
     poses : (N, 7) float64
-    step_s : (N - 1,) float64
-        How long each step takes, seconds.
-    joined : (N - 1,) bool
-        Steps that can be judged.
+    steps : Steps
     linear, angular : Reach
         In metres and in radians.
+    most : int
+        How many places to look at: a file may be nothing but broken.
 
     Returns
     -------
     list of Break
     """
-    moved, turned = pose_steps(poses)
-    suspect = joined & (
-        (moved > np.minimum(linear.step, linear.speed * step_s))
-        | (turned > np.minimum(angular.step, angular.speed * step_s))
+    suspect = steps.joined & (
+        (steps.moved > np.minimum(linear.step, linear.speed * steps.step_s))
+        | (steps.turned > np.minimum(angular.step, angular.speed * steps.step_s))
     )
     if not suspect.any():
         return []
-    sides = [
-        _Component.of(moved, step_s, joined, linear),
-        _Component.of(turned, step_s, joined, angular),
-    ]
+    sides = _Component.of(steps.moved, steps, linear), _Component.of(steps.turned, steps, angular)
     broken = np.logical_or(sides[0].broken, sides[1].broken)
-    found = (_classify(poses, sides, first, last) for first, last in _clusters(broken))
+    clusters = islice(_clusters(broken), most)
+    found = (_classify(poses, sides, first, last) for first, last in clusters)
     return [item for item in found if item is not None]
 
 
@@ -146,21 +156,19 @@ def find_breaks(
 class _Component:
     """Steps of the position or of the rotation."""
 
-    step: Float64Array
+    length: Float64Array
     speed: Float64Array
     rises: BoolArray
     falls: BoolArray
     fast: BoolArray
 
     @classmethod
-    def of(
-        cls, step: Float64Array, step_s: Float64Array, joined: BoolArray, reach: Reach
-    ) -> "_Component":
-        speed = np.where(joined, step / step_s, -np.inf)
-        allowed = reach.allowance(step_s)
-        rises = joined & (step - _highest_before(speed) * step_s > allowed)
-        falls = joined & (step - _highest_before(speed[::-1])[::-1] * step_s > allowed)
-        return cls(step, speed, rises, falls, speed > reach.speed)
+    def of(cls, length: Float64Array, steps: Steps, reach: Reach) -> "_Component":
+        speed = np.where(steps.joined, length / steps.step_s, -np.inf)
+        allowed = reach.allowance(steps.step_s)
+        rises = length - _highest_before(speed) * steps.step_s > allowed
+        falls = length - _highest_before(speed[::-1])[::-1] * steps.step_s > allowed
+        return cls(length, speed, rises & steps.joined, falls & steps.joined, speed > reach.speed)
 
     @property
     def broken(self) -> BoolArray:
@@ -184,15 +192,18 @@ def _clusters(broken: BoolArray) -> Iterator[tuple[int, int]]:
         yield from zip(firsts.tolist(), lasts.tolist(), strict=True)
 
 
-def _classify(poses: Float64Array, sides: list[_Component], first: int, last: int) -> Break | None:
+def _classify(
+    poses: Float64Array, sides: tuple[_Component, _Component], first: int, last: int
+) -> Break | None:
     inside = slice(first, last + 1)
     away = [0.0, 0.0]
     if last - first <= _NEAR:
-        whole = [float(step[0]) for step in pose_steps(poses[[first, last + 1]])]
+        net = Steps.of(poses[[first, last + 1]], np.ones(1), np.ones(1, dtype=bool))
+        whole = float(net.moved[0]), float(net.turned[0])
         for axis, side in enumerate(sides):
             if side.rises[first] and side.falls[last]:
-                away[axis] = float(side.step[inside].max())
-        if any(gone and net >= gone / 2 for gone, net in zip(away, whole, strict=True)):
+                away[axis] = float(side.length[inside].max())
+        if any(gone and end >= gone / 2 for gone, end in zip(away, whole, strict=True)):
             return Break("jump", first + 1, *whole)
     if any(side.fast[inside].any() for side in sides):
         speeds = [float(side.speed[inside].max()) for side in sides]
@@ -253,7 +264,7 @@ class StillLimits:
 
 
 def find_still(
-    series: Series, step_s: Float64Array, since: Change, limits: StillLimits
+    series: Series, steps: Steps, since: Change, limits: StillLimits
 ) -> tuple[list[Still], Change]:
     """Find stretches without change that end within a block.
 
@@ -261,8 +272,8 @@ def find_still(
     ----------
     series : Series
         Its first array holds poses.
-    step_s : (N - 1,) float64
-        How long each step takes, seconds.
+    steps : Steps
+        Of the whole block.
     since : Change
         The last change before this block, or the first sample of all.
     limits : StillLimits
@@ -284,22 +295,25 @@ def find_still(
     begins = np.concatenate(([since.index], at[:-1]))
     lasted = (series.time[changes] - np.concatenate(([since.time], time[:-1]))) * _NS
     long = np.flatnonzero((at - begins >= limits.samples) & (lasted >= limits.seconds))
-    moved, turned = pose_steps(poses)
-    abrupt = series.joined & (
-        (moved > limits.linear.allowance(step_s)) | (turned > limits.angular.allowance(step_s))
-    )
-    leaps = np.zeros(len(moved), dtype=bool)
+    sides = (steps.moved, limits.linear), (steps.turned, limits.angular)
+
+    def abrupt(step: int) -> bool:
+        lengths = ((length[step], reach.allowance(steps.step_s[step])) for length, reach in sides)
+        return bool(steps.joined[step]) and any(long > most for long, most in lengths)
+
+    leaps = np.zeros(len(steps.moved), dtype=bool)
     if len(long):
-        for steps, reach in ((moved, limits.linear), (turned, limits.angular)):
-            leaps |= _Component.of(steps, step_s, series.joined, reach).falls
+        leaps = np.logical_or(
+            *(_Component.of(length, steps, reach).falls for length, reach in sides)
+        )
     found = [
         Still(
             index=int(begins[run]),
             end=int(at[run]),
             seconds=float(lasted[run]),
-            halted=bool(abrupt[changes[run - 1]]) if run else since.abrupt,
+            halted=abrupt(int(changes[run - 1])) if run else since.abrupt,
             leapt=bool(leaps[changes[run]]),
         )
         for run in long.tolist()
     ]
-    return found, Change(int(at[-1]), int(time[-1]), bool(abrupt[changes[-1]]))
+    return found, Change(int(at[-1]), int(time[-1]), abrupt(int(changes[-1])))

@@ -1,5 +1,6 @@
 """Samples of a stream in the order of time, and which of them are neighbours."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -17,6 +18,8 @@ Float64Array = npt.NDArray[np.float64]
 MARGIN = 8
 """How many samples before and after a step can be asked for."""
 _NS = 1e-9
+# Longer steps are pauses.
+_USUAL = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,14 +77,20 @@ class Series:
 
 
 def typical_step_s(series: Series) -> float:
-    """Return the median time between neighbours, seconds; 0 when there are none.
+    """Return how far apart samples usually are, seconds; 0 when there are no neighbours.
+
+    The median, or the mean without the longest steps, whichever is more: where most samples
+    come in bursts, the median is the time between two stamps of a burst.
 
     Parameters
     ----------
     series : Series
     """
-    steps = np.diff(series.time)[series.joined]
-    return max(0.0, float(np.median(steps)) * _NS) if len(steps) else 0.0
+    steps = np.sort(np.diff(series.time)[series.joined])
+    if not len(steps):
+        return 0.0
+    usual = steps[: math.ceil(_USUAL * len(steps))]
+    return max(0.0, float(steps[len(steps) // 2]), float(usual.mean())) * _NS
 
 
 def read_series(episode: EpisodeContext, name: str, *arrays: str) -> Iterator[Series]:

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from exumi_validators.motion import (
     Break,
     Change,
     Reach,
+    Steps,
     Still,
     StillLimits,
     find_breaks,
@@ -77,16 +78,18 @@ def _track(episode: EpisodeContext, name: str, count: int) -> _Track | str:
         least_s = least_s or typical_step_s(series)
         if least_s <= 0:
             break
-        step_s = series.step_s(least_s)
+        poses, step_s = series.values[0], series.step_s(least_s)
+        steps = Steps.of(poses, step_s, series.joined)
         since = since or Change(series.start, int(series.time[0]))
-        found, since = find_still(series, step_s, since, still)
+        found, since = find_still(series, steps, since, still)
         track.still += found[: _MOST - len(track.still)]
         last = int(series.time[-1])
         # Where a track that stood still goes on, it leaps: that is one defect.
-        joined = series.joined.copy()
-        joined[[run.end - 1 - series.start for run in found]] = False
-        for item in find_breaks(series.values[0], step_s, joined, linear, angular):
-            if series.own.start < item.index <= series.own.stop and len(track.breaks) < _MOST:
+        leaps = [run.end - 1 - series.start for run in found]
+        steps = replace(steps, joined=steps.joined & ~np.isin(np.arange(len(step_s)), leaps))
+        left = _MOST - len(track.breaks)
+        for item in find_breaks(poses, steps, linear, angular, most=left):
+            if series.own.start < item.index <= series.own.stop:
                 track.breaks.append((series.start + item.index, item))
     if since is None:
         return "no two poses to compare"
@@ -260,12 +263,13 @@ def width_in_calibration(episode: EpisodeContext) -> Iterator[Finding]:
 def _range_m(item: CalibrationItem) -> tuple[float, float] | None:
     """Return lowest and highest width that a calibration holds for."""
     found = item.value.get("range_m") if isinstance(item.value, dict) else None
-    if not isinstance(found, list) or len(found) != 2:
+    if not isinstance(found, list) or not all(type(x) in (int, float) for x in found):
         return None
-    if not all(isinstance(x, int | float) and math.isfinite(x) for x in found):
+    try:
+        low, high = (float(x) for x in found)
+    except (ValueError, OverflowError):
         return None
-    low, high = float(found[0]), float(found[1])
-    return (low, high) if low <= high else None
+    return (low, high) if -math.inf < low <= high < math.inf else None
 
 
 def _out_of_range(
