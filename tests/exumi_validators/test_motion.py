@@ -339,6 +339,7 @@ def test_how_fast_a_gripper_is(write: Write, step: float, count: int) -> None:
     widths[30:] += step
     path = write(time, None, widths)
     assert places(path) == [("WIDTH-005", 30)] * count
+    assert skipped(path)["WIDTH-003"] == "there are no counts"
 
 
 def test_a_reading_out_and_back_is_one_place(write: Write) -> None:
@@ -391,3 +392,19 @@ def test_a_calibration_without_a_range(write: Write, range_m: object) -> None:
     path = write(time, None, widths, raw=np.arange(60, dtype=np.uint16), range_m=range_m)
     assert places(path) == []
     assert skipped(path)["WIDTH-004"] == "the calibration states no `range_m`"
+
+
+def test_streams_of_samples_that_are_all_invalid(write: Write) -> None:
+    time, widths = opening()
+    _, poses = line(count=60)
+    path = write(time, poses, widths, flags=np.full(60, 8, np.uint32))
+    assert places(path) == []
+    assert {"POSE-003", "POSE-004", "POSE-005", "WIDTH-005"} <= set(skipped(path))
+
+
+def test_numbers_beyond_all_measure(write: Write) -> None:
+    rng = np.random.default_rng(0)
+    time, poses = line(count=60)
+    poses[:, :3] = rng.normal(0, 1e300, (60, 3))
+    codes = [code for code, _ in places(write(time, poses, rng.normal(0, 1e30, 60)))]
+    assert codes == ["POSE-003", "WIDTH-001", "WIDTH-005"]

@@ -166,8 +166,10 @@ class _Component:
     def of(cls, length: Float64Array, steps: Steps, reach: Reach) -> "_Component":
         speed = np.where(steps.joined, length / steps.step_s, -np.inf)
         allowed = reach.allowance(steps.step_s)
-        rises = length - _highest_before(speed) * steps.step_s > allowed
-        falls = length - _highest_before(speed[::-1])[::-1] * steps.step_s > allowed
+        before, after = _highest_before(speed), _highest_before(speed[::-1])[::-1]
+        with np.errstate(invalid="ignore"):  # unknown neighbours are infinitely fast
+            rises = length - before * steps.step_s > allowed
+            falls = length - after * steps.step_s > allowed
         return cls(length, speed, rises & steps.joined, falls & steps.joined, speed > reach.speed)
 
     @property

@@ -183,22 +183,26 @@ def width_motion(episode: EpisodeContext) -> Iterator[Finding]:
         yield from _fast_widths(episode, name, stream.raw)
 
 
-def _fast_widths(episode: EpisodeContext, name: str, raw: RawData | None) -> Iterator[Problem]:
+def _fast_widths(episode: EpisodeContext, name: str, raw: RawData | None) -> Iterator[Finding]:
     path = f"streams/{name}/data"
     limit = episode.limit("WIDTH-005", "speed_m_per_s")
-    counted = raw is not None and raw.unit == "count" and episode.reader(f"streams/{name}/raw")
+    there = episode.reader(f"streams/{name}/raw") is not None
+    counted = raw is not None and raw.unit == "count" and there
+    if not counted:
+        yield Skipped("WIDTH-003", "there are no counts", path)
     places: dict[str, list[tuple[int, float]]] = {"WIDTH-003": [], "WIDTH-005": []}
     least_s = 0.0
     for series in read_series(episode, name, "data", *(("raw",) if counted else ())):
         least_s = least_s or typical_step_s(series)
         if least_s <= 0:
+            yield Skipped("WIDTH-005", "no two widths to compare", path)
             return
         speed = _speed(series, least_s)
         fast = speed > limit
         if not fast.any():
             continue
         wrapped = np.zeros(len(fast), dtype=bool)
-        if counted and raw is not None:
+        if raw is not None and counted:
             wrapped = fast & _wraps(series.values[1], raw.modulus)
         for code, steps in (("WIDTH-003", wrapped), ("WIDTH-005", fast & ~_beside(wrapped))):
             at = np.flatnonzero(steps[series.own])[:_MOST] + series.own.start
@@ -229,7 +233,8 @@ def _wraps(counts: np.ndarray, modulus: int | None) -> BoolArray:
         if not _SMALLEST_COUNTER <= top + 1 < 1 << 53:
             return np.zeros(len(flat) - 1, dtype=bool)
         modulus = 1 << int(top).bit_length()
-    return np.asarray(np.abs(np.diff(flat)) > modulus / 2, dtype=bool)
+    with np.errstate(all="ignore"):
+        return np.asarray(np.abs(np.diff(flat)) > modulus / 2, dtype=bool)
 
 
 def _beside(steps: BoolArray) -> BoolArray:
