@@ -17,6 +17,7 @@ from exumi_data.dataset import create_dataset
 from exumi_data.episode import open_episode
 from exumi_data.model import (
     ArrayImages,
+    CalibrationItem,
     Clock,
     DatasetMetadata,
     EncodedImages,
@@ -134,7 +135,8 @@ def add_low_dimensional(writer: EpisodeWriter) -> None:
         "pose", kind="pose", clock=CLOCK, frames=Frames(parent="world", child="tcp")
     )
     pose.append(time, poses, sequence=np.arange(count), flags=np.zeros(count, np.int64))
-    width = writer.add_stream("width", kind="width", clock=CLOCK, raw=RawData(unit="count"))
+    counts = RawData(unit="count", transform="encoder")
+    width = writer.add_stream("width", kind="width", clock=CLOCK, raw=counts)
     width.append(time, np.linspace(0.02, 0.08, count), raw=np.arange(count, dtype=np.uint16))
     wrench = writer.add_stream("force", kind="wrench", clock=CLOCK, components=["fx", "fy", "fz"])
     wrench.append(time, np.arange(3 * count, dtype=np.float32).reshape(count, 3))
@@ -180,7 +182,9 @@ def add_images(writer: EpisodeWriter) -> None:
 
 def write_episode(path: Path, number: int = 0, **changes: Any) -> Path:
     """Write an episode that has everything: all kinds, all encodings, derived arrays."""
-    with EpisodeWriter(path, metadata(number, **changes), durable=False) as writer:
+    item = CalibrationItem(value={"m_per_count": 0.015, "zero_m": 0.02}, method="made up")
+    values = {"calibration": {"encoder": item}, **changes}
+    with EpisodeWriter(path, metadata(number, **values), durable=False) as writer:
         add_low_dimensional(writer)
         add_images(writer)
     return path

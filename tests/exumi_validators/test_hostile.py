@@ -84,7 +84,9 @@ def test_array_documents_of_every_type(episode: Path, field: str, value: object)
 def test_names_that_are_paths(episode: Path) -> None:
     def rename(exumi: dict[str, dict[str, object]]) -> None:
         exumi["streams"]["../../evil"] = exumi["streams"].pop("width")
-        exumi["calibration"] = {"map": {"value": None, "array": "calibration/../../../etc/passwd"}}
+        exumi["calibration"] = {
+            "map": {"value": None, "array": "calibration/../../../etc/passwd", "method": "guess"}
+        }
 
     edit_metadata(episode, rename)
     report = validate(episode)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 from exumi_data.errors import ExumiError
-from exumi_data.model.description import Annotations
+from exumi_data.model.description import Annotations, Label
 from exumi_data.standard import LEVELS, Level
 from exumi_data.store.access import FolderStore, ZipStore
 from exumi_data.store.digest import digest_of
@@ -33,7 +33,7 @@ from exumi_validators.checks import (
     video,
 )
 from exumi_validators.context import EpisodeContext
-from exumi_validators.findings import Collector
+from exumi_validators.findings import Collector, show
 from exumi_validators.listing import list_folder, list_zip
 from exumi_validators.registry import Check, checks_of
 from exumi_validators.report import Problem, Skipped, Unchecked
@@ -42,6 +42,7 @@ from exumi_validators.touch_measures import coarse
 __all__ = [
     "EpisodeFacts",
     "EpisodeResult",
+    "LabelFact",
     "ReferenceFacts",
     "archive_checks",
     "episode_checks",
@@ -66,10 +67,20 @@ _EPISODE_MODULES: tuple[ModuleType, ...] = (
     touch,
     sync,
 )
+# Of one episode: more than anybody writes.
+_MOST_LABELS = 100
 # What ZipStore refuses to open.
 _UNOPENABLE = frozenset(
     ("PACK-001", "PACK-002", "PACK-003", "PACK-004", "PACK-007", "SAFE-001", "SAFE-002")
 )
+
+
+class LabelFact(NamedTuple):
+    """What a label says, in words; all labels of all episodes are in memory at once."""
+
+    property: str
+    source: str
+    value: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,6 +107,9 @@ class EpisodeFacts:
     start: str | None = None
     references: tuple[ReferenceFacts, ...] = ()
     """Known once frames were decoded."""
+    instance_id: str | None = None
+    regime: str | None = None
+    labels: tuple[LabelFact, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -244,6 +258,7 @@ def _result(
 
 def _facts(episode: EpisodeContext) -> EpisodeFacts:
     notes: Annotations | None = episode.section("annotations")
+    labels = (notes.labels or []) if notes else []
     return EpisodeFacts(
         id=episode.section("id"),
         revision=episode.section("revision"),
@@ -252,6 +267,9 @@ def _facts(episode: EpisodeContext) -> EpisodeFacts:
         part_id=notes.part_id if notes else None,
         start=episode.section("start"),
         references=tuple(_references(episode)),
+        instance_id=notes.instance_id if notes else None,
+        regime=episode.section("regime"),
+        labels=tuple(_label_fact(label) for label in labels[:_MOST_LABELS]),
     )
 
 
@@ -265,3 +283,8 @@ def _references(episode: EpisodeContext) -> Iterator[ReferenceFacts]:
                 serial=sensor.serial,
                 coarse=coarse(statistics.reference),
             )
+
+
+def _label_fact(label: Label) -> LabelFact:
+    source = f"{label.provenance}: {label.origin or ''}"
+    return LabelFact(show(label.property), show(source), show(label.value))

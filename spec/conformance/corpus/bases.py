@@ -62,7 +62,8 @@ def poses(**metadata: Any) -> Draft:
 
 def widths(**metadata: Any) -> Draft:
     """Return an episode with a width stream, its encoder counts and their calibration."""
-    calibration = {"encoder": {"value": {"m_per_count": 0.0001, "zero": 100}, "unit": "m"}}
+    value = {"m_per_count": 0.0001, "zero": 100}
+    calibration = {"encoder": {"value": value, "unit": "m", "uncertainty": 0.0002}}
     draft = Draft(calibration=calibration, **metadata)
     raw = {"unit": "count", "transform": "encoder", "modulus": 4096}
     draft.stream("width", "width", raw=raw)

@@ -133,14 +133,14 @@ def _description_cases() -> Iterator[Case]:
     draft.metadata["streams"]["taxels"]["unit"] = "furlong"
     at = Finding("UNIT-001", ROOT, _at("streams", "taxels", "unit"))
     yield case("UNIT-001__furlong", "A unit that is not registered.", draft, at)
-    item = {"rectification": {"value": None, "array": "calibration/map"}}
+    item = {"rectification": {"value": None, "array": "calibration/map", "residual": 0.2}}
     at = Finding("CAL-001", ROOT, _at("calibration", "rectification", "array"))
     yield case("CAL-001__no_array", "A map that is not there.", bases.poses(calibration=item), at)
-    label = {"property": "hardness", "value": 7.0, "provenance": "human"}
-    draft = bases.poses(annotations={"labels": [label]})
+    label = {"property": "hardness", "value": 7.0, "raters": 3, "provenance": "human"}
+    draft = bases.poses(annotations={"part_id": "egg", "labels": [label]})
     at = Finding("ANN-001", ROOT, _at("annotations", "labels", "0"))
     yield case("ANN-001__no_scale", "Seven, of how many?", draft, at)
-    draft = bases.poses(annotations={"labels": [{**label, "scale": [0.0, 5.0]}]})
+    draft = bases.poses(annotations={"part_id": "egg", "labels": [{**label, "scale": [0.0, 5.0]}]})
     at = Finding("ANN-002", ROOT, _at("annotations", "labels", "0"))
     yield case("ANN-002__seven_of_five", "Seven, of five.", draft, at)
     segment = {"name": "contact", "start_ns": 10, "end_ns": 5}

@@ -52,8 +52,19 @@ def converted() -> Draft:
         "procedure": "press",
         "pad_type": "plain",
         "labels": [
-            {"property": "hardness", "value": 7.0, "scale": [0.0, 10.0], "provenance": "human"},
-            {"property": "words", "value": ["smooth", "hard"], "provenance": "model"},
+            {
+                "property": "hardness",
+                "value": 7.0,
+                "scale": [0.0, 10.0],
+                "raters": 3,
+                "provenance": "human",
+            },
+            {
+                "property": "words",
+                "value": ["smooth", "hard"],
+                "provenance": "model",
+                "origin": "words-of-touch 1.2",
+            },
         ],
         "segments": [{"name": "contact", "start_ns": 0, "end_ns": 300_000_000}],
     }
@@ -119,6 +130,27 @@ def invalid_samples_flagged() -> Draft:
     return draft
 
 
+def out_of_range_flagged() -> Draft:
+    """Return an episode with a width beyond where its calibration holds, which says so."""
+    draft = bases.widths()
+    draft.metadata["calibration"]["encoder"]["value"]["range_m"] = [0.0, 0.03]
+    draft.put("streams/width/flags", np.array([0, 0, 0, 16], dtype=np.uint32))
+    return draft
+
+
+def still() -> Draft:
+    """Return an episode of a hand that comes to rest, and stands still to the bit."""
+    draft = Draft()
+    way = np.arange(8.0) ** 2
+    places = np.concatenate((way[::-1], np.zeros(40), -way))
+    poses = np.zeros((len(places), 7))
+    poses[:, 0], poses[:, 6] = places / 4096, 1
+    draft.stream("pose", "pose", frames={"parent": "world", "child": "gripper"})
+    draft.put("streams/pose/time", bases.times(len(poses), 20_000_000))
+    draft.put("streams/pose/data", poses, names=("time", "component"))
+    return draft
+
+
 def lossless_rgb() -> Draft:
     """Return an episode with colour frames stored as compressed pixels."""
     draft = Draft()
@@ -138,7 +170,9 @@ def newer_minor() -> Draft:
 def pose_with_raw() -> Draft:
     """Return an episode whose poses were transformed, the device's own kept beside them."""
     draft = bases.poses()
-    draft.metadata["calibration"] = {"tcp": {"value": [0, 0, 0.1, 0, 0, 0, 1], "unit": "m"}}
+    draft.metadata["calibration"] = {
+        "tcp": {"value": [0, 0, 0.1, 0, 0, 0, 1], "unit": "m", "method": "from the drawing"}
+    }
     raw = {"unit": "m", "reference_frame": "headset", "transform": "tcp"}
     draft.metadata["streams"]["pose"]["raw"] = raw
     values = np.array(bases.POSES, dtype=np.float32)
@@ -153,6 +187,12 @@ def valid_cases() -> Iterator[Case]:
     yield case("pose__raw_and_transform", "Raw poses beside transformed ones.", pose_with_raw())
     yield case("width__counts_and_calibration", "Encoder counts and widths.", bases.widths())
     yield case("width__invalid_flagged", "NaN where the device says so.", invalid_samples_flagged())
+    yield case(
+        "width__out_of_range_flagged",
+        "A width that its calibration does not reach.",
+        out_of_range_flagged(),
+    )
+    yield case("pose__still", "A hand that stands still.", still())
     yield case("wrench__one_component", "The force of a grip.", bases.wrench())
     yield case("taxels__mask_and_positions", "A grid with a dead cell.", bases.taxels())
     yield case("images__encoded", "A camera's JPEG files.", bases.encoded())

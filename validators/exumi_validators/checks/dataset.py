@@ -32,8 +32,10 @@ __all__ = [
     "fields",
     "is_there",
     "kept_together",
+    "labels_of_things",
     "licence",
     "listed_splits",
+    "objects_of_parts",
     "oddities",
     "once",
     "places",
@@ -43,6 +45,7 @@ __all__ = [
     "split_names",
     "split_overlap",
     "splits_exist",
+    "touched_on_both_sides",
 ]
 
 _KEY_OF_LEVEL = {"object": "object_id", "part": "part_id"}
@@ -207,6 +210,83 @@ def split_coverage(dataset: DatasetContext) -> Iterator[Problem]:
         if left:
             path = dataset.split_files[name].path
             yield problem("SPLIT-008", path, pointer=("lists",), found=len(left), detail=left[0])
+
+
+@check("SET-007")
+def objects_of_parts(dataset: DatasetContext) -> Iterator[Problem]:
+    """Judge that episodes of a part are of the same object; one that names none may be."""
+    seen: dict[str, str] = {}
+    for path, facts in dataset.facts.items():
+        if facts.part_id is None or facts.object_id is None:
+            continue
+        before = seen.setdefault(facts.part_id, facts.object_id)
+        if before != facts.object_id:
+            yield problem(
+                "SET-007", path, expected=before, found=facts.part_id, detail=facts.object_id
+            )
+
+
+@check("SET-008")
+def labels_of_things(dataset: DatasetContext) -> Iterator[Problem]:
+    """Judge that one source says one thing of a part, or of an object without parts."""
+    seen: dict[tuple[str | None, ...], str] = {}
+    for path, facts in dataset.facts.items():
+        if facts.part_id is None and facts.object_id is None:
+            continue
+        thing = (facts.object_id, facts.part_id, facts.instance_id)
+        # Two values within one episode are the matter of another rule: the first one counts.
+        said = {(label.property, label.source): label.value for label in reversed(facts.labels)}
+        for (name, source), value in said.items():
+            before = seen.setdefault((*thing, name, source), value)
+            if before != value:
+                named = facts.part_id or facts.object_id
+                detail = f"{name} of {named}"
+                yield problem("SET-008", path, expected=before, found=value, detail=detail)
+
+
+@check("SPLIT-009")
+def touched_on_both_sides(dataset: DatasetContext) -> Iterator[Finding]:
+    """Say of how many things, in a split by episode, there are episodes in several lists.
+
+    That matters where models learn what things feel like: with labels, or by touch alone.
+    """
+    for name, split in dataset.splits.items():
+        if split.level != "episode":
+            continue
+        path = dataset.split_files[name].path
+        lists_of = _lists_of_things(dataset, split)
+        if not lists_of:
+            yield Skipped("SPLIT-009", "nothing that was touched has an id", path)
+        for level in ("part", "object"):
+            lists = [found for (kind, _), found in lists_of.items() if kind == level]
+            straddling = sum(len(found) > 1 for found in lists)
+            if straddling:
+                pointer = ("lists",)
+                yield problem(
+                    "SPLIT-009",
+                    path,
+                    pointer=pointer,
+                    expected=len(lists),
+                    found=straddling,
+                    detail=level,
+                )
+                break
+
+
+def _lists_of_things(
+    dataset: DatasetContext, split: SplitDocument
+) -> dict[tuple[str, str], set[str]]:
+    """Return the lists that episodes of each (level, id) are in."""
+    found: dict[tuple[str, str], set[str]] = {}
+    for part, ids in split.lists.items():
+        for facts in (dataset.by_id.get(episode_id) for episode_id in ids):
+            if facts is None or not (facts.labels or facts.regime == "touch"):
+                continue
+            for level, key in _KEY_OF_LEVEL.items():
+                thing = getattr(facts, key)
+                if thing is not None:
+                    found.setdefault((level, thing), set()).add(part)
+    return found
 
 
 @check("CAT-001")
