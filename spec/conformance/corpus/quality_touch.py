@@ -121,7 +121,11 @@ def _finger_cases() -> Iterator[Case]:
         name, path = f"tactile_{side}", f"calibration/tactile_reference/tactile_{side}"
         _stream(draft, _press(gels[other])[:16], gels[other], name)
         calibration = draft.metadata.setdefault("calibration", {})
-        calibration[f"tactile_reference/{name}"] = {"value": None, "array": path}
+        calibration[f"tactile_reference/{name}"] = {
+            "value": None,
+            "array": path,
+            "method": "captured without contact",
+        }
         draft.group("calibration")
         draft.group("calibration/tactile_reference")
         draft.put(path, gels[side], names=AXES)
