@@ -4,7 +4,7 @@ A gel that is pressed in by so much shows so much, whether the gripper is closin
 activity is one function of the width, and where it seems to be two, one for closing and one for
 opening, the two streams are not in step: the delay is the one that makes them one again. Neither
 the threshold at which activity begins nor the softness of gel and object matters, for they are the
-same on both ways.
+same on both ways. A gel that comes back slowly looks late, though.
 """
 
 from dataclasses import dataclass
