@@ -5,7 +5,13 @@ from collections.abc import Iterator
 
 from exumi_data.model.description import CalibrationItem, Label, LossyStep, QualityNote, Segment
 from exumi_data.model.episode import DerivedMetadata, EpisodeMetadata
-from exumi_data.model.streams import PoseStream, TaxelsStream, WidthStream, WrenchStream
+from exumi_data.model.streams import (
+    ExtensionStream,
+    PoseStream,
+    TaxelsStream,
+    WidthStream,
+    WrenchStream,
+)
 from exumi_data.standard import units
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext, newer_minor
 from exumi_validators.document_rules import (
@@ -15,8 +21,9 @@ from exumi_validators.document_rules import (
     model_rule_problems,
 )
 from exumi_validators.findings import problem
-from exumi_validators.registry import check
-from exumi_validators.report import Problem
+from exumi_validators.model_problems import problems_of_model
+from exumi_validators.registry import Finding, check
+from exumi_validators.report import Problem, Skipped
 
 __all__ = [
     "fields",
@@ -40,7 +47,7 @@ _EXTENSION_UNIT = re.compile(r"[a-z][a-z0-9-]*:\S+")
 
 
 @check(*MODEL_RULES, "ID-001", "KIND-001", "EXT-001")
-def fields(episode: EpisodeContext) -> Iterator[Problem]:
+def fields(episode: EpisodeContext) -> Iterator[Finding]:
     """Judge every field of the root's document and of that of ``derived``."""
     document = episode.document
     if document is not None and (episode.metadata is None or not set(document) >= _HEAD):
@@ -49,6 +56,26 @@ def fields(episode: EpisodeContext) -> Iterator[Problem]:
     if derived is not None and newer_minor(derived.get("version")) is not None:
         path = "derived/zarr.json"
         yield from model_rule_problems("derived", DerivedMetadata, derived, path, EXUMI)
+    for name, stream in episode.streams.items():
+        if isinstance(stream, ExtensionStream):
+            yield from _fields_of_extension(episode, name, stream)
+
+
+def _fields_of_extension(
+    episode: EpisodeContext, name: str, stream: ExtensionStream
+) -> Iterator[Finding]:
+    """Judge what a third party says of its stream, by its package's own description."""
+    kind = episode.described_kind(stream)
+    if kind is None:
+        reason = f"no installed package describes {stream.kind} {stream.extension_version}"
+        yield Skipped("META-002", reason, f"streams/{name}")
+        return
+    document = (episode.document or {})["streams"][name]
+    at = (*EXUMI, "streams", name)
+    yield from problems_of_model(kind.metadata, document, ROOT, at)
+    for key in document:
+        if key.startswith(f"{kind.vendor}:") and key not in kind.keys:
+            yield problem("META-003", ROOT, pointer=(*at, key), found=key)
 
 
 @check("META-005")
