@@ -109,7 +109,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
 
     if (apply or accept_changed) and not fix:
         raise UsageError("--apply and --accept-changed belong to --fix", fix="Add --fix.")
-    chosen = _config(config, no_config=no_config)
+    chosen = _config(path, config, no_config=no_config)
     made: CatalogFix | None = None
     if fix:
         from exumi_data.cli.output import progress_of
@@ -128,7 +128,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     raise typer.Exit(report.exit_code)
 
 
-def _config(file: Path | None, *, no_config: bool) -> "Config | None":
+def _config(path: Path, file: Path | None, *, no_config: bool) -> "Config | None":
     from exumi_data.errors import UsageError
     from exumi_validators import find_config, read_config
 
@@ -136,7 +136,7 @@ def _config(file: Path | None, *, no_config: bool) -> "Config | None":
         if file is not None:
             raise UsageError("--config and --no-config exclude each other")
         return None
-    found = file or find_config(Path.cwd())
+    found = file or find_config(Path.cwd(), data=path)
     return None if found is None else read_config(found)
 
 

@@ -116,13 +116,17 @@ def _covers(pattern: str | None, problem: Problem, episode: str | None) -> bool:
     return any(fnmatchcase(name, pattern) for name in names)
 
 
-def find_config(folder: str | os.PathLike[str]) -> Path | None:
+def find_config(
+    folder: str | os.PathLike[str], *, data: str | os.PathLike[str] | None = None
+) -> Path | None:
     """Look for a configuration in a folder and those above it; the nearest one counts.
 
     Parameters
     ----------
     folder : path-like
         Where the user works, not where the data is.
+    data : path-like, optional
+        What is to be validated: a file inside of it is passed over.
 
     Returns
     -------
@@ -130,8 +134,11 @@ def find_config(folder: str | os.PathLike[str]) -> Path | None:
         An ``exumi.toml``, or a ``pyproject.toml`` that has the table ``[tool.exumi.validate]``;
         None where there is neither.
     """
-    start = Path(folder).absolute()
+    start = Path(folder).resolve()
+    judged = None if data is None else Path(data).resolve()
     for place in (start, *start.parents):
+        if judged is not None and place.is_relative_to(judged):
+            continue
         for name in CONFIG_NAMES:
             file = place / name
             if file.is_file() and (name == "exumi.toml" or "validate" in _own_table(file)):

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from typing import Any
 
 from exumi_data.model.description import CalibrationItem, Label, LossyStep, QualityNote, Segment
 from exumi_data.model.episode import DerivedMetadata, EpisodeMetadata
@@ -24,6 +25,7 @@ from exumi_validators.findings import problem
 from exumi_validators.model_problems import problems_of_model
 from exumi_validators.registry import Finding, check
 from exumi_validators.report import Problem, Skipped
+from exumi_validators.schema_walk import extension_keys
 
 __all__ = [
     "fields",
@@ -34,6 +36,7 @@ __all__ = [
     "segments",
     "source",
     "stream_names",
+    "third_parties",
     "timestamps",
     "unit_names",
 ]
@@ -76,6 +79,29 @@ def _fields_of_extension(
     for key in document:
         if key.startswith(f"{kind.vendor}:") and key not in kind.keys:
             yield problem("META-003", ROOT, pointer=(*at, key), found=key)
+
+
+@check("EXT-002")
+def third_parties(episode: EpisodeContext) -> Iterator[Problem]:
+    """Judge that objects of third parties say where they are described."""
+    document = episode.document or {}
+    if not _has_key_of_third_party(document):  # walking along the schema costs more
+        return
+    for pointer in extension_keys("episode", document):
+        value: Any = document
+        for part in pointer:
+            value = value[part]
+        in_own_stream = len(pointer) > 2 and pointer[0] == "streams"
+        if in_own_stream and ":" in str(document["streams"][pointer[1]].get("kind")):
+            continue
+        if isinstance(value, dict) and not isinstance(value.get("schema_url"), str):
+            yield problem("EXT-002", ROOT, pointer=(*EXUMI, *pointer), found=pointer[-1])
+
+
+def _has_key_of_third_party(value: object) -> bool:
+    if isinstance(value, dict):
+        return any(":" in key or _has_key_of_third_party(item) for key, item in value.items())
+    return isinstance(value, list) and any(_has_key_of_third_party(item) for item in value)
 
 
 @check("META-005")
