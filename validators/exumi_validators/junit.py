@@ -90,8 +90,8 @@ def _run_suite(report: "Report", problems: "list[Problem]") -> ET.Element:
         ET.SubElement(test, "error", type="not checked", message=_clean(show(item.reason)))
         suite.append(test)
     for missing in done.skipped:
-        test = _test(f"{missing.code}: nothing to judge by", where)
-        text = f"{missing.reason} @ {missing.path} ({missing.count} times)"
+        test = _test(f"{missing.code}: {missing.reason}", where)
+        text = f"nothing to judge by @ {missing.path} ({missing.count} times)"
         ET.SubElement(test, "skipped", message=_clean(show(text)))
         suite.append(test)
     return suite
