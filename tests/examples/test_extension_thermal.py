@@ -47,7 +47,9 @@ def run(environment: dict[str, str], *command: object) -> subprocess.CompletedPr
 
 
 def test_its_tests_pass(environment: dict[str, str], tmp_path: Path) -> None:
-    options = ("-q", "-p", "no:cacheprovider", "-W", "error", "--rootdir", tmp_path)
+    # Folders of its own: pytest otherwise tidies up what other runs left.
+    folders = ("--rootdir", tmp_path, "--basetemp", tmp_path / "made")
+    options = ("-q", "-p", "no:cacheprovider", "-W", "error", *folders)
     done = run(environment, "-m", "pytest", *options, EXAMPLE / "tests")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "6 passed" in done.stdout

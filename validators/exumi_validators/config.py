@@ -176,7 +176,7 @@ def read_config(file: str | os.PathLike[str]) -> Config:
     Raises
     ------
     UsageError
-        It is no TOML, or something in it is wrong: all of it is named at once.
+        It is no TOML, or something in it is wrong, such as an unknown rule or a missing reason.
     OSError
         It cannot be read.
     """
