@@ -4,12 +4,11 @@ Another package adds one with an entry point of the group ``exumi.converters`` t
 as described by `exumi_converters.converter.Converter`.
 """
 
-from importlib.metadata import EntryPoint, entry_points
-
 from exumi_converters.clips import ClipsConverter
 from exumi_converters.converter import Converter
 from exumi_converters.octopi import OctopiConverter
 from exumi_data.errors import UsageError
+from exumi_data.plugins import Plugin, load_plugins, refuse_twice
 
 __all__ = ["ENTRY_POINTS", "FORMATS", "converters", "find_converter"]
 
@@ -29,29 +28,22 @@ def converters() -> dict[str, Converter]:
         Two have the same name.
     """
     found = {converter.name: converter for converter in _OWN}
-    origin = dict.fromkeys(found, "exumi-data")
-    for point in entry_points(group=ENTRY_POINTS):
-        package = point.dist.name if point.dist else point.value
-        if point.name in found:
-            raise UsageError(
-                f"the format {point.name!r} is registered twice: by {origin[point.name]} and by "
-                f"{package}",
-                fix="Remove one of the two packages.",
-            )
-        found[point.name] = _load(point, package)
-        origin[point.name] = package
+    for plugin in load_plugins(ENTRY_POINTS):
+        if plugin.name in found:
+            refuse_twice(f"the format {plugin.name!r}", "exumi-data", plugin.origin)
+        found[plugin.name] = _checked(plugin)
     return found
 
 
-def _load(point: EntryPoint, package: str) -> Converter:
-    converter = point.load()
-    if getattr(converter, "name", None) != point.name:
+def _checked(plugin: Plugin) -> Converter:
+    if getattr(plugin.value, "name", None) != plugin.name:
         raise UsageError(
-            f"the converter that {package} registers as {point.name!r} does not bear that name",
+            f"the converter that {plugin.distribution} registers as {plugin.name!r} does not bear "
+            "that name",
             fix="Tell the authors of that package.",
         )
-    loaded: Converter = converter
-    return loaded
+    converter: Converter = plugin.value
+    return converter
 
 
 def find_converter(name: str) -> Converter:

@@ -58,7 +58,7 @@ def test_json_is_canonical() -> None:
     assert text == report(ERROR, WARNING).to_json()
     assert text.isascii()
     document = json.loads(text)
-    assert document["counts"] == {"error": 1, "warning": 1, "info": 0}
+    assert document["counts"] == {"error": 1, "warning": 1, "info": 0, "suppressed": 0}
     assert document["problems"][0]["location"] == {
         "path": "streams/pose/time",
         "episode": None,
@@ -108,7 +108,12 @@ def test_a_million_mistakes_make_no_endless_report(episode: Path) -> None:
     assert made.count("error") == 100
     assert made.not_listed == {"META-003": 4_900}
     assert made.codes() == {"META-003": 5_000}
-    assert "... and 4900 more of META-003" in made.to_text()
+    assert "... and 4900 more of META-003" in made.to_text(verbose=True)
+    summed_up = made.to_text()
+    assert "invalid (5,000 errors)" in summed_up
+    assert "error META-003: 5,000: not kept: unknown keys are named vendor:name" in summed_up
+    assert "... and 4,997 more" in summed_up
+    assert len(summed_up.splitlines()) < 20
 
 
 def test_the_same_problem_is_listed_once() -> None:

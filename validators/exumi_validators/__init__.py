@@ -6,15 +6,48 @@ first mistake. Import of this package loads no image or video library; validatin
 
 from typing import Any
 
-from exumi_validators.report import Coverage, Location, Problem, Report, Skipped, Unchecked
+from exumi_validators.report import (
+    Configuration,
+    Coverage,
+    Extension,
+    Location,
+    Problem,
+    Reclassified,
+    Report,
+    Skipped,
+    Suppression,
+    Unchecked,
+)
 
-__all__ = ["Coverage", "Location", "Problem", "Report", "Skipped", "Unchecked", "validate"]
+__all__ = [
+    "Config",
+    "Configuration",
+    "Coverage",
+    "Extension",
+    "Location",
+    "Problem",
+    "Reclassified",
+    "Report",
+    "Skipped",
+    "Suppression",
+    "Unchecked",
+    "find_config",
+    "read_config",
+    "validate",
+]
+
+_LAZY = {
+    "Config": "config",
+    "find_config": "config",
+    "read_config": "config",
+    "validate": "validation",
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name == "validate":
-        from exumi_validators.validation import validate
+    if name in _LAZY:
+        from importlib import import_module
 
-        return validate
+        return getattr(import_module(f"exumi_validators.{_LAZY[name]}"), name)
     msg = f"module 'exumi_validators' has no attribute {name!r}"
     raise AttributeError(msg)

@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache, cached_property
 from typing import Any, TypeVar
 
@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from exumi_data.errors import DamagedDataError, ExumiError, LimitError
+from exumi_data.extensions import StreamKind, find_stream_kind
 from exumi_data.model.base import Model
 from exumi_data.model.description import CalibrationItem
 from exumi_data.model.documents import KNOWN_FEATURES
@@ -22,6 +23,7 @@ from exumi_data.model.episode import (
 from exumi_data.model.streams import ExtensionStream, Stream, StreamModel
 from exumi_data.standard import (
     ArraySpec,
+    Rule,
     common_arrays,
     derived_arrays,
     encodings,
@@ -96,6 +98,8 @@ class EpisodeContext:
     store : FolderStore or ZipStore
     listing : Listing
         Its files.
+    limits : mapping, optional
+        Numbers to judge by in place of those in the table of rules, by the rule's id.
 
     Attributes
     ----------
@@ -109,9 +113,15 @@ class EpisodeContext:
         Tactile stream to the statistics of its frames, once they were decoded.
     """
 
-    def __init__(self, store: FolderStore | ZipStore, listing: Listing) -> None:
+    def __init__(
+        self,
+        store: FolderStore | ZipStore,
+        listing: Listing,
+        limits: Mapping[str, Mapping[str, float]] | None = None,
+    ) -> None:
         self.store = store
         self.listing = listing
+        self._limits = limits or {}
         self.frames = 0
         self.unreadable: dict[str, str] = {}
         self.scanned: set[str] = set()
@@ -272,6 +282,9 @@ class EpisodeContext:
         kind = kinds().get(stream.kind)
         if kind is not None:
             found |= kind.arrays
+        described = self.described_kind(stream)
+        if described is not None:
+            found |= {spec.name: spec for spec in described.arrays}
         images = getattr(stream, "images", None)
         if images is not None:
             found |= encodings()[images.encoding].arrays
@@ -433,17 +446,29 @@ class EpisodeContext:
             return None
         return hashlib.sha256(self.store.read(ROOT)).hexdigest()
 
-    def limit(self, code: str, name: str) -> float:
+    def limit(self, code: str | Rule, name: str) -> float:
         """Return a number that a rule judges by.
 
         Parameters
         ----------
-        code : str
-            Id of the rule.
+        code : str or Rule
+            Id of a rule of the standard, or another package's rule.
         name : str
             Of the limit, as the table of rules has it.
         """
-        return rules()[code].limits[name]
+        rule = code if isinstance(code, Rule) else rules()[code]
+        return self._limits.get(rule.id, {}).get(name, rule.limits[name])
+
+    def described_kind(self, stream: StreamModel) -> StreamKind | None:
+        """Return the description of a third party's kind; None for core kinds, or without one.
+
+        Parameters
+        ----------
+        stream : StreamModel
+        """
+        if not isinstance(stream, ExtensionStream):
+            return None
+        return find_stream_kind(stream.kind, stream.extension_version)
 
     def is_extension(self, stream: StreamModel) -> bool:
         """Whether a stream is of a third party's kind.

@@ -1,6 +1,7 @@
 """A dataset as the checks see it: its documents, its catalog, and the facts of its episodes."""
 
 import os
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,6 +12,7 @@ from exumi_data.catalog import CATALOG_NAME, EPISODES_FOLDER, list_episodes
 from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.model.base import Model
 from exumi_data.model.dataset import DATASET_FORMAT, DatasetMetadata, SplitDocument
+from exumi_data.standard import Rule, rules
 from exumi_validators.context import newer_minor
 from exumi_validators.episode_run import EpisodeFacts
 from exumi_validators.json_documents import LoadedDocument, load_document
@@ -30,6 +32,8 @@ class DatasetContext:
     Parameters
     ----------
     root : pathlib.Path
+    limits : mapping, optional
+        Numbers to judge by in place of those in the table of rules, by the rule's id.
 
     Attributes
     ----------
@@ -37,9 +41,23 @@ class DatasetContext:
         Path of each episode to what is known of it; filled in once the episodes were validated.
     """
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, limits: Mapping[str, Mapping[str, float]] | None = None) -> None:
         self.root = root
+        self._limits = limits or {}
         self.facts: dict[str, EpisodeFacts] = {}
+
+    def limit(self, code: str | Rule, name: str) -> float:
+        """Return a number that a rule judges by.
+
+        Parameters
+        ----------
+        code : str or Rule
+            Id of a rule of the standard, or another package's rule.
+        name : str
+            Of the limit, as the table of rules has it.
+        """
+        rule = code if isinstance(code, Rule) else rules()[code]
+        return self._limits.get(rule.id, {}).get(name, rule.limits[name])
 
     @cached_property
     def episodes(self) -> list[str]:

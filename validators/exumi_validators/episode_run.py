@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -32,9 +32,11 @@ from exumi_validators.checks import (
     touch,
     video,
 )
+from exumi_validators.config import Config
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import Collector, show
 from exumi_validators.listing import list_folder, list_zip
+from exumi_validators.plugins import installed
 from exumi_validators.registry import Check, checks_of
 from exumi_validators.report import Problem, Skipped, Unchecked
 from exumi_validators.touch_measures import coarse
@@ -118,6 +120,7 @@ class EpisodeResult:
 
     problems: tuple[Problem, ...]
     not_listed: dict[str, int] = field(default_factory=dict)
+    suppressed_not_listed: dict[str, int] = field(default_factory=dict)
     unchecked: tuple[Unchecked, ...] = ()
     skipped: tuple[Skipped, ...] = ()
     facts: EpisodeFacts = EpisodeFacts()
@@ -147,7 +150,12 @@ def episode_checks() -> tuple[Check[EpisodeContext], ...]:
 
 
 def validate_episode(
-    path: str, levels: frozenset[Level], *, with_digest: bool = False
+    path: str,
+    levels: frozenset[Level],
+    *,
+    with_digest: bool = False,
+    config: Config | None = None,
+    member: str | None = None,
 ) -> EpisodeResult:
     """Validate one episode; never raises for what is in it.
 
@@ -158,6 +166,10 @@ def validate_episode(
     levels : frozenset of str
     with_digest : bool
         Compute the episode's digest, which a catalog is compared with.
+    config : Config, optional
+        Default: every rule as the standard has it.
+    member : str, optional
+        The episode's path in its dataset, by which a configuration may name it.
 
     Returns
     -------
@@ -169,7 +181,8 @@ def validate_episode(
     OSError
         The file or folder itself cannot be opened or listed.
     """
-    found = Collector()
+    found = Collector(None if config is None else partial(config.revised, episode=member))
+    limits = None if config is None else config.limits
     unchecked: list[Unchecked] = []
     store: FolderStore | ZipStore
     if Path(path).is_file():
@@ -183,14 +196,15 @@ def validate_episode(
         except ExumiError as error:
             unchecked.append(Unchecked(".", "opening the zip", error.what))
             return _result(found, unchecked, None, levels)
-        episode = EpisodeContext(store, list_zip(archive_store))
+        episode = EpisodeContext(store, list_zip(archive_store), limits)
     else:
         store = FolderStore(path)
-        episode = EpisodeContext(store, list_folder(path))
+        episode = EpisodeContext(store, list_folder(path), limits)
     try:
         _judge(root_checks(), episode, levels, found, unchecked)
         if episode.judgeable:
             _judge(episode_checks(), episode, levels, found, unchecked)
+            _judge(installed().episode_checks, episode, levels, found, unchecked)
         result = _result(found, unchecked, episode, levels)
         return _with_digest(result, episode) if with_digest else result
     finally:
@@ -239,6 +253,7 @@ def _result(
     result = EpisodeResult(
         problems=found.problems,
         not_listed=dict(found.not_listed),
+        suppressed_not_listed=dict(found.suppressed_not_listed),
         unchecked=tuple(unchecked),
         skipped=found.skipped,
     )

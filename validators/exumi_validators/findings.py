@@ -2,11 +2,11 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
-from exumi_data.standard import rules
+from exumi_data.standard import Rule, rules
 from exumi_validators.report import Location, Problem, Skipped
 
 __all__ = ["Collector", "json_pointer", "merged", "problem", "show"]
@@ -46,7 +46,7 @@ def json_pointer(parts: tuple[int | str, ...]) -> str:
 
 
 def problem(
-    code: str,
+    code: str | Rule,
     path: str,
     *,
     pointer: tuple[int | str, ...] | None = None,
@@ -59,8 +59,9 @@ def problem(
 
     Parameters
     ----------
-    code : str
-        Id of the rule, from which severity, message and suggestion come.
+    code : str or Rule
+        Id of a rule of the standard, or another package's rule: from it come severity, message
+        and suggestion.
     path : str
         File, array or group, relative to the episode or dataset.
     pointer : tuple, optional
@@ -76,13 +77,13 @@ def problem(
     -------
     Problem
     """
-    rule = rules()[code]
+    rule = code if isinstance(code, Rule) else rules()[code]
     shown = {
         key: None if value is None else show(value)
         for key, value in {"expected": expected, "found": found, **words}.items()
     }
     return Problem(
-        code=code,
+        code=rule.id,
         severity=rule.severity,
         level=rule.level,
         location=Location(
@@ -92,21 +93,29 @@ def problem(
         expected=shown["expected"],
         found=shown["found"],
         suggestion=rule.suggestion,
-        rule=f"{rule.since}/{rule.anchor}",
+        rule=rule.anchor if "://" in rule.anchor else f"{rule.since}/{rule.anchor}",
     )
 
 
 class Collector:
     """Collects problems; beyond a hundred of one rule they are only counted.
 
-    A file with a million mistakes must not make a report that fills the memory.
+    A file with a million mistakes must not make a report that fills the memory. Suppressed
+    findings are counted apart, so that they cannot push others out of the list.
+
+    Parameters
+    ----------
+    revise : callable, optional
+        Given each problem, returns it as it is to be reported: see `Config.revised`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, revise: Callable[[Problem], Problem] | None = None) -> None:
+        self._revise = revise
         self._found: dict[tuple[str, Location], Problem] = {}
-        self._per_rule: Counter[str] = Counter()
+        self._per_rule: Counter[tuple[str, bool]] = Counter()
         self._skipped: list[Skipped] = []
         self.not_listed: Counter[str] = Counter()
+        self.suppressed_not_listed: Counter[str] = Counter()
 
     def add(self, found: Problem | Skipped) -> None:
         """Add a finding, once for each place.
@@ -121,10 +130,13 @@ class Collector:
         key = (found.code, found.location)
         if key in self._found:
             return
-        if self._per_rule[found.code] >= _LISTED_PER_RULE:
-            self.not_listed[found.code] += 1
+        if self._revise is not None:
+            found = self._revise(found)
+        is_suppressed = found.suppressed is not None
+        if self._per_rule[found.code, is_suppressed] >= _LISTED_PER_RULE:
+            (self.suppressed_not_listed if is_suppressed else self.not_listed)[found.code] += 1
             return
-        self._per_rule[found.code] += 1
+        self._per_rule[found.code, is_suppressed] += 1
         self._found[key] = found
 
     @property

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar
 
-from exumi_data.standard import Level, rules
+from exumi_data.standard import Level, Rule, rules
 from exumi_validators.report import Problem, Skipped
 
 __all__ = ["Check", "Finding", "check", "checks_of"]
@@ -27,11 +27,17 @@ class Check(Generic[Context]):
     level : {"document", "hierarchy", "arrays", "data"}
     function : callable
         Takes the context (an episode, an archive or a dataset), yields findings.
+    defines : tuple of Rule
+        Those of its rules that are not in the standard.
+    scope : {"episode", "dataset"}
+        What another package's check judges.
     """
 
     rules: tuple[str, ...]
     level: Level
     function: Callable[[Context], Iterator[Finding]]
+    defines: tuple[Rule, ...] = ()
+    scope: Literal["episode", "dataset"] = "episode"
 
     @property
     def name(self) -> str:
@@ -48,14 +54,18 @@ class Check(Generic[Context]):
 
 
 def check(
-    *codes: str,
+    *judged: str | Rule,
+    scope: Literal["episode", "dataset"] = "episode",
 ) -> Callable[[Callable[[Context], Iterator[Finding]]], Check[Context]]:
     """Make a function a check of some rules.
 
     Parameters
     ----------
-    *codes : str
-        Ids of rules, all of one level.
+    *judged : str or Rule
+        Ids of rules of the standard, or another package's rules themselves; all of one level.
+    scope : {"episode", "dataset"}
+        What another package's check judges: each episode, or the dataset once. It then takes an
+        `EpisodeContext` or a `DatasetContext`.
 
     Raises
     ------
@@ -68,18 +78,21 @@ def check(
     ... def time_increases(episode: EpisodeContext) -> Iterator[Problem]:  # doctest: +SKIP
     ...     ...
     """
-    unknown = [code for code in codes if code not in rules()]
+    defines = tuple(rule for rule in judged if isinstance(rule, Rule))
+    codes = tuple(rule.id if isinstance(rule, Rule) else rule for rule in judged)
+    known = {**rules(), **{rule.id: rule for rule in defines}}
+    unknown = [code for code in codes if code not in known]
     if unknown or not codes:
         msg = f"unknown rules: {unknown}" if unknown else "a check judges at least one rule"
         raise ValueError(msg)
-    levels = {rules()[code].level for code in codes}
+    levels = {known[code].level for code in codes}
     if len(levels) > 1:
         msg = f"rules of different levels in one check: {codes}"
         raise ValueError(msg)
     level = levels.pop()
 
     def decorate(function: Callable[[Context], Iterator[Finding]]) -> Check[Context]:
-        return Check(codes, level, function)
+        return Check(codes, level, function, defines, scope)
 
     return decorate
 

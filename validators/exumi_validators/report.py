@@ -3,13 +3,25 @@
 import json
 from collections import Counter
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Literal
 
-from exumi_data.standard import Level, Severity
+from exumi_data.standard import Level, Severity, rules
 
-__all__ = ["Coverage", "Location", "Problem", "Report", "Skipped", "Unchecked"]
+__all__ = [
+    "REPORT_VERSION",
+    "Configuration",
+    "Coverage",
+    "Extension",
+    "Location",
+    "Problem",
+    "Reclassified",
+    "Report",
+    "Skipped",
+    "Suppression",
+    "Unchecked",
+]
 
-REPORT_VERSION = 1
+REPORT_VERSION = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +71,10 @@ class Problem:
     expected, found : str or None
     suggestion : str
     rule : str
-        Where the rule stands: a path below ``spec/`` with an anchor.
+        Where the rule stands: a path below ``spec/`` with an anchor; an address where the rule is
+        another package's.
+    suppressed : str or None
+        Why the finding does not count, where a configuration says so.
     """
 
     code: str
@@ -71,6 +86,7 @@ class Problem:
     found: str | None = None
     suggestion: str
     rule: str
+    suppressed: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +152,87 @@ class Coverage:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Reclassified:
+    """A rule that a configuration judges in another way than the standard.
+
+    Attributes
+    ----------
+    code : str
+        Id of the rule.
+    severity : {"error", "warning", "info", "off"}
+        What it is now.
+    standard : {"error", "warning", "info"}
+        What it is in the standard, or in the package that it comes from.
+    limits : dict of str to float
+        Numbers that it now judges by.
+    standard_limits : dict of str to float
+        Those that they replace.
+    reason : str or None
+    """
+
+    code: str
+    severity: Literal["error", "warning", "info", "off"]
+    standard: Severity
+    limits: dict[str, float] = field(default_factory=dict)
+    standard_limits: dict[str, float] = field(default_factory=dict)
+    reason: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suppression:
+    """Findings that a configuration wants listed, but not counted.
+
+    Attributes
+    ----------
+    rule : str
+        Id of the rule.
+    path : str or None
+        Pattern for the file or episode; None for all.
+    reason : str
+    """
+
+    rule: str
+    path: str | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Configuration:
+    """What a configuration changed.
+
+    Attributes
+    ----------
+    file : str
+    rules : tuple of Reclassified
+    suppress : tuple of Suppression
+    """
+
+    file: str
+    rules: tuple[Reclassified, ...] = ()
+    suppress: tuple[Suppression, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extension:
+    """Another package's checks, or its description of a kind of stream.
+
+    Attributes
+    ----------
+    provides : {"checks", "stream kind"}
+    name : str
+    distribution : str
+        The package.
+    version : str
+        Of the package.
+    """
+
+    provides: str
+    name: str
+    distribution: str
+    version: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
     """What a validation found, and how much it looked at.
 
@@ -149,10 +246,16 @@ class Report:
     library : str
         Version of exumi-data.
     problems : tuple of Problem
-        In order of place.
+        In order of place, the suppressed ones included.
     coverage : Coverage
     not_listed : dict
         Code of a rule to the number of its problems beyond the limit for one episode.
+    suppressed_not_listed : dict
+        The same for suppressed ones.
+    configuration : Configuration or None
+        None where every rule was judged as the standard has it.
+    extensions : tuple of Extension
+        What other packages took part with.
     """
 
     path: str
@@ -162,11 +265,42 @@ class Report:
     problems: tuple[Problem, ...]
     coverage: Coverage
     not_listed: dict[str, int] = field(default_factory=dict)
+    suppressed_not_listed: dict[str, int] = field(default_factory=dict)
+    configuration: Configuration | None = None
+    extensions: tuple[Extension, ...] = ()
 
     @property
     def valid(self) -> bool:
-        """Whether no rule of severity error is broken, and all checks could be carried out."""
+        """Whether no rule of severity error is broken, and all checks could be carried out.
+
+        Judged by the severities and limits that were asked for: see `conformant`.
+        """
         return not self.count("error") and not self.coverage.unchecked
+
+    @property
+    def conformant(self) -> bool | None:
+        """Whether the standard's own rules hold, as far as `coverage` says that it was looked.
+
+        By the standard's severities, suppressed findings included; other packages' rules have no
+        part in it. None where that is not known: something could not be checked, or a rule that
+        is an error in the standard was judged by other limits.
+        """
+        changed = self.configuration.rules if self.configuration else ()
+        by_other_limits = {rule.code for rule in changed if rule.limits}
+        musts = {code for code, rule in rules().items() if rule.severity == "error"}
+        if any(problem.code in musts - by_other_limits for problem in self.problems):
+            return False
+        return None if self.coverage.unchecked or by_other_limits & musts else True
+
+    @property
+    def suppressed(self) -> tuple[Problem, ...]:
+        """The findings that are listed, but do not count."""
+        return tuple(problem for problem in self.problems if problem.suppressed is not None)
+
+    @property
+    def counted(self) -> tuple[Problem, ...]:
+        """The findings that count."""
+        return tuple(problem for problem in self.problems if problem.suppressed is None)
 
     @property
     def exit_code(self) -> int:
@@ -174,17 +308,17 @@ class Report:
         return 0 if self.valid else 1
 
     def count(self, severity: Severity) -> int:
-        """Return the number of listed problems of a severity.
+        """Return the number of listed problems of a severity; suppressed ones do not count.
 
         Parameters
         ----------
         severity : {"error", "warning", "info"}
         """
-        return sum(problem.severity == severity for problem in self.problems)
+        return sum(problem.severity == severity for problem in self.counted)
 
     def codes(self) -> dict[str, int]:
-        """Return how often each rule is broken, the unlisted included."""
-        return dict(Counter(problem.code for problem in self.problems) + Counter(self.not_listed))
+        """Return how often each rule is broken, the unlisted included, the suppressed not."""
+        return dict(Counter(problem.code for problem in self.counted) + Counter(self.not_listed))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain data: what `to_json` writes."""
@@ -195,22 +329,45 @@ class Report:
             "standard": self.standard,
             "library": self.library,
             "valid": self.valid,
+            "conformant": self.conformant,
             "counts": {
                 "error": self.count("error"),
                 "warning": self.count("warning"),
                 "info": self.count("info"),
+                "suppressed": len(self.suppressed) + sum(self.suppressed_not_listed.values()),
             },
+            "configuration": asdict(self.configuration) if self.configuration else None,
+            "extensions": [asdict(item) for item in self.extensions],
             "coverage": asdict(self.coverage),
             "problems": [asdict(problem) for problem in self.problems],
             "not_listed": dict(sorted(self.not_listed.items())),
+            "suppressed_not_listed": dict(sorted(self.suppressed_not_listed.items())),
         }
 
     def to_json(self) -> str:
         """Return the report as JSON: the canonical form, ASCII, one trailing newline."""
         return json.dumps(self.to_dict(), indent=1, ensure_ascii=True) + "\n"
 
-    def to_text(self) -> str:
-        """Return the report as plain text for people, grouped by file."""
+    def to_text(self, *, verbose: bool = False) -> str:
+        """Return the report as plain text for people.
+
+        Parameters
+        ----------
+        verbose : bool
+            List every finding, however many there are.
+        """
         from exumi_validators.text import render_text
 
-        return render_text(self)
+        return render_text(self, verbose=verbose)
+
+    def to_junit(self) -> str:
+        """Return the report as JUnit XML, which CI servers show."""
+        from exumi_validators.junit import render_junit
+
+        return render_junit(self)
+
+    def to_sarif(self) -> str:
+        """Return the report as SARIF 2.1.0, which code scanners show."""
+        from exumi_validators.sarif import render_sarif
+
+        return render_sarif(self)

@@ -8,7 +8,7 @@ from typing import Any
 from exumi_data.model.base import EXTENSION_KEY
 from exumi_data.model.schema import json_schema
 
-__all__ = ["unknown_keys"]
+__all__ = ["extension_keys", "unknown_keys"]
 
 _EXTENSION = re.compile(EXTENSION_KEY)
 
@@ -31,11 +31,31 @@ def unknown_keys(name: str, document: dict[str, Any]) -> Iterator[Pointer]:
     document : dict
         It need not be valid.
     """
+    found = _strange_keys(name, document)
+    return (pointer for pointer in found if not _EXTENSION.fullmatch(str(pointer[-1])))
+
+
+def extension_keys(name: str, document: dict[str, Any]) -> Iterator[Pointer]:
+    """Yield the pointers of all keys of third parties.
+
+    Parameters
+    ----------
+    name : str
+        Of the document: see `exumi_data.model.schema.DOCUMENTS`.
+    document : dict
+        It need not be valid.
+    """
+    found = _strange_keys(name, document)
+    return (pointer for pointer in found if _EXTENSION.fullmatch(str(pointer[-1])))
+
+
+def _strange_keys(name: str, document: dict[str, Any]) -> Iterator[Pointer]:
     schema = _schema(name)
     return _walk(document, schema, schema.get("$defs", {}), ())
 
 
 def _walk(value: object, schema: Schema, known: Schema, pointer: Pointer) -> Iterator[Pointer]:
+    """Yield the pointers of all keys that the schema does not name."""
     schema = _resolve(value, schema, known)
     if isinstance(value, list):
         for index, item in enumerate(value):
@@ -45,7 +65,7 @@ def _walk(value: object, schema: Schema, known: Schema, pointer: Pointer) -> Ite
             child = _property(key, schema)
             if child is not None:
                 yield from _walk(item, child, known, (*pointer, key))
-            elif _is_closed(schema) and not _EXTENSION.fullmatch(key):
+            elif _is_closed(schema):
                 yield (*pointer, key)
 
 

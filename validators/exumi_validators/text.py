@@ -1,65 +1,97 @@
-"""A report as plain text, grouped by file."""
+"""A report as text for people.
 
+A few findings are listed by file. Beyond that they are summed up by rule, with the first places of
+each: thousands of equal findings must stay readable.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
 from itertools import groupby
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from exumi_validators.findings import show
+from exumi_validators.plugins import known_rules
 
 if TYPE_CHECKING:
-    from exumi_validators.report import Location, Problem, Report
+    from exumi_validators.report import Location, Problem, Reclassified, Report
 
-__all__ = ["render_text"]
+__all__ = ["Line", "Style", "render_text", "text_lines"]
+
+Style = Literal["plain", "error", "warning", "info", "good", "place", "dim"]
+Line = tuple[tuple[str, Style], ...]
+"""Pieces of a line, with what they are: the command line gives them colours."""
+
+_LISTED = 50
+_PLACES = 3
+_SEVERITIES = ("error", "warning", "info")
 
 
-def render_text(report: "Report") -> str:
+def render_text(report: "Report", *, verbose: bool = False) -> str:
     """Write a report for people: what is wrong, where, and what to do.
 
     Parameters
     ----------
     report : Report
+    verbose : bool
+        List every finding, however many there are.
 
     Returns
     -------
     str
         Lines without colours; what is not printable is escaped.
     """
-    lines = [f"{show(report.path)}: {_verdict(report)}", f"  {_coverage(report)}"]
-    for file, found in groupby(report.problems, key=lambda problem: problem.location.file):
-        lines += ["", show(file)]
-        for problem in found:
-            lines += _problem(problem)
-    if report.not_listed:
-        lines.append("")
-        for code, count in sorted(report.not_listed.items()):
-            lines.append(f"  ... and {count} more of {code}")
+    lines = text_lines(report, verbose=verbose)
+    return "".join("".join(text for text, _ in line) + "\n" for line in lines)
+
+
+def text_lines(report: "Report", *, verbose: bool = False) -> Iterator[Line]:
+    """Yield the lines of a report, for a program that colours them.
+
+    Parameters
+    ----------
+    report : Report
+    verbose : bool
+        List every finding, however many there are.
+    """
+    yield (f"{show(report.path)}: ", "plain"), _verdict(report)
+    yield ((f"  {_coverage(report)}", "dim"),)
+    yield from _judged_by(report)
+    if verbose or len(report.counted) <= _LISTED:
+        yield from _by_file(report)
+    else:
+        yield from _by_rule(report)
+    yield from _suppressed(report, verbose=verbose)
     for item in report.coverage.unchecked:
-        lines += ["", f"{show(item.path)}", f"  not checked: {item.what}: {show(item.reason)}"]
-    lines += _skipped(report)
-    return "\n".join(lines) + "\n"
+        yield ()
+        yield ((show(item.path), "place"),)
+        yield ((f"  not checked: {item.what}: {show(item.reason)}", "error"),)
+    yield from _skipped(report)
 
 
-def _skipped(report: "Report") -> list[str]:
-    if not report.coverage.skipped:
-        return []
-    lines = ["", "not checked, for want of something to judge by:"]
-    for item in report.coverage.skipped:
-        more = f" and {item.count - 1} more" if item.count > 1 else ""
-        lines.append(f"  {item.code}: {show(item.reason)} @ {show(item.path)}{more}")
-    return lines
+# -------------------------------------------------------------------------------------------- head
 
 
-def _verdict(report: "Report") -> str:
-    counts = [
-        f"{report.count(severity)} {severity}{'s' if report.count(severity) != 1 else ''}"
-        for severity in ("error", "warning")
-        if report.count(severity)
-    ]
-    told = f" ({', '.join(counts)})" if counts else ""
+def _verdict(report: "Report") -> tuple[str, Style]:
+    severity_of = {problem.code: problem.severity for problem in report.counted}
+    totals: Counter[str] = Counter()
+    for code, count in report.codes().items():
+        totals[severity_of[code]] += count
+    words = [_count(totals[word], word) for word in ("error", "warning") if totals[word]]
+    suppressed = len(report.suppressed) + sum(report.suppressed_not_listed.values())
+    if suppressed:
+        words.append(f"{suppressed:,} suppressed")
+    told = f" ({', '.join(words)})" if words else ""
     if report.valid:
-        return f"valid{told}"
-    if not report.count("error"):
-        return f"not fully checked{told}"
-    return f"invalid{told}"
+        as_configured = report.configuration is not None and not report.conformant
+        return (
+            (f"valid as configured{told}", "warning") if as_configured else (f"valid{told}", "good")
+        )
+    verdict = "invalid" if report.count("error") else "not fully checked"
+    return f"{verdict}{told}", "error"
+
+
+def _count(count: int, word: str) -> str:
+    return f"{count:,} {word}{'s' if count != 1 else ''}"
 
 
 def _coverage(report: "Report") -> str:
@@ -71,9 +103,107 @@ def _coverage(report: "Report") -> str:
         (done.samples, "sample"),
         (done.frames, "frame"),
     )
-    parts = [f"{count:,} {word}{'s' if count != 1 else ''}" for count, word in counts if count]
+    parts = [_count(count, word) for count, word in counts if count]
     parts.append(f"{done.rules} rules of exUMI {report.standard}")
     return f"checked {', '.join(done.levels)}: {', '.join(parts)}"
+
+
+def _judged_by(report: "Report") -> Iterator[Line]:
+    """Say what was not judged as the standard has it, and what that means."""
+    for item in report.extensions:
+        origin = f"{item.distribution} {item.version}".strip()
+        yield ((f"  with the {item.provides} {show(item.name)} of {show(origin)}", "dim"),)
+    if report.configuration is None:
+        return
+    yield ((f"  judged by {show(report.configuration.file)}", "warning"),)
+    for rule in report.configuration.rules:
+        yield ((f"    {_reclassified(rule)}", "plain"),)
+    for ask in report.configuration.suppress:
+        where = f" at {show(ask.path)}" if ask.path else ""
+        yield ((f"    {ask.rule}{where} suppressed: {show(ask.reason)}", "plain"),)
+    if report.conformant != report.valid:
+        yield ((f"  {_conformance(report)}", "warning"),)
+
+
+def _reclassified(rule: "Reclassified") -> str:
+    parts = []
+    if rule.severity != rule.standard:
+        parts.append(f"{rule.severity} (standard: {rule.standard})")
+    for name, value in rule.limits.items():
+        parts.append(f"{name} {value:g} (standard: {rule.standard_limits[name]:g})")
+    text = f"{rule.code}: {', '.join(parts) or 'unchanged'}"
+    return text if rule.reason is None else f"{text}: {show(rule.reason)}"
+
+
+def _conformance(report: "Report") -> str:
+    if report.conformant is None:
+        return f"whether it conforms to exUMI {report.standard} was not judged"
+    if report.conformant:
+        return f"by the standard's own rules it conforms to exUMI {report.standard}"
+    return f"it does NOT conform to exUMI {report.standard}: judged by the standard's own rules"
+
+
+# ---------------------------------------------------------------------------------------- findings
+
+
+def _by_file(report: "Report") -> Iterator[Line]:
+    for file, found in groupby(report.counted, key=lambda problem: problem.location.file):
+        yield ()
+        yield ((show(file), "place"),)
+        for problem in found:
+            yield from _problem(problem)
+    if report.not_listed:
+        yield ()
+        for code, count in sorted(report.not_listed.items()):
+            yield ((f"  ... and {count} more of {code}", "plain"),)
+
+
+def _problem(problem: "Problem") -> Iterator[Line]:
+    place = _place(problem.location)
+    yield (
+        ("  ", "plain"),
+        (f"{problem.severity} {problem.code}", problem.severity),
+        (f": {problem.message}" + (f" @ {place}" if place else ""), "plain"),
+    )
+    yield ((f"      {problem.suggestion}", "dim"),)
+
+
+def _by_rule(report: "Report") -> Iterator[Line]:
+    yield ()
+    total = sum(report.codes().values())
+    yield ((f"{total:,} findings, by rule (--verbose lists them by file):", "plain"),)
+    of_rule: dict[str, list[Problem]] = {}
+    for problem in report.counted:
+        of_rule.setdefault(problem.code, []).append(problem)
+    counts = report.codes()
+
+    def order(code: str) -> tuple[int, int, str]:
+        return _SEVERITIES.index(of_rule[code][0].severity), -counts[code], code
+
+    for code in sorted(of_rule, key=order):
+        found = of_rule[code]
+        severity = found[0].severity
+        yield ()
+        yield (
+            (f"{severity} {code}", severity),
+            (f": {_extent(found, counts[code])}: {_title(found[0])}", "plain"),
+        )
+        for problem in found[:_PLACES]:
+            place = f"{show(problem.location.file)} {_place(problem.location)}".rstrip()
+            yield (f"  {place}", "place"), (f": {problem.message}", "plain")
+        if counts[code] > _PLACES:
+            yield ((f"  ... and {counts[code] - _PLACES:,} more", "plain"),)
+        yield ((f"      {found[0].suggestion}", "dim"),)
+
+
+def _extent(found: "list[Problem]", count: int) -> str:
+    episodes = {p.location.episode for p in found if p.location.episode is not None}
+    return f"{count:,}" + (f" in {_count(len(episodes), 'episode')}" if episodes else "")
+
+
+def _title(problem: "Problem") -> str:
+    rule = known_rules().get(problem.code)
+    return f"not kept: {rule.title}" if rule else problem.message
 
 
 def _place(location: "Location") -> str:
@@ -85,7 +215,35 @@ def _place(location: "Location") -> str:
     return " ".join(parts)
 
 
-def _problem(problem: "Problem") -> list[str]:
-    place = _place(problem.location)
-    head = f"  {problem.severity} {problem.code}: {problem.message}"
-    return [head + (f" @ {place}" if place else ""), f"      {problem.suggestion}"]
+# ------------------------------------------------------------------------- what does not count
+
+
+def _suppressed(report: "Report", *, verbose: bool) -> Iterator[Line]:
+    if not report.suppressed:
+        return
+    yield ()
+    yield (("suppressed, listed but not counted:", "plain"),)
+    if verbose:
+        for problem in report.suppressed:
+            place = f"{show(problem.location.file)} {_place(problem.location)}".rstrip()
+            text = f"{problem.code}: {problem.message} @ {place}: {show(problem.suppressed)}"
+            yield ((f"  {text}", "dim"),)
+    else:
+        groups = Counter((problem.code, problem.suppressed) for problem in report.suppressed)
+        for (code, reason), count in sorted(groups.items(), key=str):
+            first = next(p for p in report.suppressed if (p.code, p.suppressed) == (code, reason))
+            more = f" and {count - 1:,} more" if count > 1 else ""
+            text = f"{code}: {show(reason)} @ {show(first.location.file)}{more}"
+            yield ((f"  {text}", "dim"),)
+    for code, count in sorted(report.suppressed_not_listed.items()):
+        yield ((f"  ... and {count:,} more of {code}", "dim"),)
+
+
+def _skipped(report: "Report") -> Iterator[Line]:
+    if not report.coverage.skipped:
+        return
+    yield ()
+    yield (("not checked, for want of something to judge by:", "plain"),)
+    for item in report.coverage.skipped:
+        more = f" and {item.count - 1:,} more" if item.count > 1 else ""
+        yield ((f"  {item.code}: {show(item.reason)} @ {show(item.path)}{more}", "dim"),)

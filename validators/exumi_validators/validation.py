@@ -16,6 +16,7 @@ from exumi_data.errors import NotAnEpisodeError, UnsupportedError, UsageError
 from exumi_data.model.episode import FORMAT_VERSION
 from exumi_data.standard import LEVELS, Level
 from exumi_validators.checks import dataset as dataset_module
+from exumi_validators.config import Config
 from exumi_validators.dataset_context import DatasetContext
 from exumi_validators.episode_run import (
     EpisodeResult,
@@ -25,8 +26,9 @@ from exumi_validators.episode_run import (
     validate_episode,
 )
 from exumi_validators.findings import Collector, merged
+from exumi_validators.plugins import installed
 from exumi_validators.registry import Check, checks_of
-from exumi_validators.report import Coverage, Problem, Report, Skipped, Unchecked
+from exumi_validators.report import Coverage, Report, Skipped, Unchecked
 
 __all__ = ["dataset_checks", "validate"]
 
@@ -45,6 +47,7 @@ def validate(
     path: str | os.PathLike[str],
     *,
     levels: Collection[Level] | None = None,
+    config: Config | None = None,
     workers: int | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Report:
@@ -58,6 +61,9 @@ def validate(
         A dataset's folder, an episode's folder, or a packed episode.
     levels : collection of {"document", "hierarchy", "arrays", "data"}, optional
         Which rules to judge; default all. ``data`` reads every byte and decodes every frame.
+    config : Config, optional
+        Rules to judge in another way (`read_config`). Default: all as the standard has them; no
+        file is looked for.
     workers : int, optional
         Processes; default all cores.
     on_progress : callable, optional
@@ -72,7 +78,7 @@ def validate(
     NotAnEpisodeError
         Neither a dataset nor an episode is there.
     UsageError
-        An unknown level.
+        An unknown level, or an installed package whose checks cannot be used.
     UnsupportedError
         A URL.
     OSError
@@ -87,14 +93,26 @@ def validate(
     """
     text = os.fspath(path)
     chosen = _chosen(levels)
+    installed()  # a package that cannot be used is refused before anything is read
     if _kind(text) == "dataset":
-        return _validate_dataset(text, chosen, workers, on_progress)
-    result = validate_episode(text, chosen)
+        return _validate_dataset(text, chosen, config, workers, on_progress)
+    result = validate_episode(text, chosen, config=config)
     if on_progress is not None:
         on_progress(1, 1)
     judged = _judged(chosen, packed=Path(text).is_file(), of_dataset=False)
     coverage = _coverage(chosen, judged, [result], result.unchecked, result.skipped)
-    return _report(text, "episode", result.problems, coverage, dict(result.not_listed))
+    return Report(
+        path=text,
+        kind="episode",
+        standard=FORMAT_VERSION,
+        library=__version__,
+        problems=result.problems,
+        coverage=coverage,
+        not_listed=dict(result.not_listed),
+        suppressed_not_listed=dict(result.suppressed_not_listed),
+        configuration=config.configuration if config else None,
+        extensions=installed().extensions,
+    )
 
 
 def _chosen(levels: Collection[Level] | None) -> frozenset[Level]:
@@ -143,25 +161,35 @@ def _kind(path: str) -> str:
 def _validate_dataset(
     path: str,
     levels: frozenset[Level],
+    config: Config | None,
     workers: int | None,
     on_progress: Callable[[int, int], None] | None,
 ) -> Report:
-    dataset = DatasetContext(Path(path))
-    found = Collector()
+    dataset = DatasetContext(Path(path), config.limits if config else None)
+    found = Collector(config.revised if config else None)
     unchecked: list[Unchecked] = []
     results: list[EpisodeResult] = []
     not_listed: Counter[str] = Counter()
+    suppressed_not_listed: Counter[str] = Counter()
     if dataset.judgeable:
-        for episode, result in _episodes(dataset, path, levels, workers, on_progress):
+        judge = partial(
+            _judge_member,
+            root=path,
+            levels=levels,
+            with_digest="data" in levels and not isinstance(dataset.catalog, str),
+            config=config,
+        )
+        for episode, result in _episodes(dataset, judge, workers, on_progress):
             if isinstance(result, Unchecked):
                 unchecked.append(result)
                 continue
             results.append(_placed(result, episode))
             dataset.facts[episode] = result.facts
             not_listed.update(result.not_listed)
+            suppressed_not_listed.update(result.suppressed_not_listed)
             unchecked += [replace(item, path=episode) for item in result.unchecked]
         dataset.facts = dict(sorted(dataset.facts.items()))
-    for check in dataset_checks():
+    for check in (*dataset_checks(), *installed().dataset_checks):
         if check.level not in levels:
             continue
         try:
@@ -171,6 +199,7 @@ def _validate_dataset(
             reason = f"{type(error).__name__}: {error}"
             unchecked.append(Unchecked(".", ", ".join(check.rules), reason[:500]))
     not_listed.update(found.not_listed)
+    suppressed_not_listed.update(found.suppressed_not_listed)
     problems = [*found.problems, *(problem for result in results for problem in result.problems)]
     problems.sort(key=lambda problem: (*problem.location.sort_key(), problem.code))
     unchecked.sort(key=lambda item: (item.path, item.what))
@@ -178,19 +207,27 @@ def _validate_dataset(
     judged = _judged(levels, packed=packed, of_dataset=True)
     skipped = merged([*found.skipped, *(item for result in results for item in result.skipped)])
     coverage = _coverage(levels, judged, results, tuple(unchecked), skipped)
-    return _report(path, "dataset", tuple(problems), coverage, dict(not_listed))
+    return Report(
+        path=path,
+        kind="dataset",
+        standard=FORMAT_VERSION,
+        library=__version__,
+        problems=tuple(problems),
+        coverage=coverage,
+        not_listed=dict(not_listed),
+        suppressed_not_listed=dict(suppressed_not_listed),
+        configuration=config.configuration if config else None,
+        extensions=installed().extensions,
+    )
 
 
 def _episodes(
     dataset: DatasetContext,
-    path: str,
-    levels: frozenset[Level],
+    judge: Callable[[str], EpisodeResult],
     workers: int | None,
     on_progress: Callable[[int, int], None] | None,
 ) -> "list[tuple[str, EpisodeResult | Unchecked]]":
     episodes = dataset.episodes
-    has_catalog = "data" in levels and not isinstance(dataset.catalog, str)
-    judge = partial(_judge_member, root=path, levels=levels, with_digest=has_catalog)
     single = len(episodes) < _PARALLEL_FROM
     done: list[tuple[str, EpisodeResult | Unchecked]] = []
     for outcome in map_items(judge, episodes, workers=1 if single else workers):
@@ -205,9 +242,15 @@ def _episodes(
 
 
 def _judge_member(
-    episode: str, *, root: str, levels: frozenset[Level], with_digest: bool
+    episode: str,
+    *,
+    root: str,
+    levels: frozenset[Level],
+    with_digest: bool,
+    config: Config | None,
 ) -> EpisodeResult:
-    return validate_episode(f"{root}/{episode}", levels, with_digest=with_digest)
+    path = f"{root}/{episode}"
+    return validate_episode(path, levels, with_digest=with_digest, config=config, member=episode)
 
 
 def _placed(result: EpisodeResult, episode: str) -> EpisodeResult:
@@ -221,9 +264,9 @@ def _placed(result: EpisodeResult, episode: str) -> EpisodeResult:
 
 def _judged(levels: frozenset[Level], *, packed: bool, of_dataset: bool) -> int:
     """Return how many rules were judged."""
-    checks: list[Check[Any]] = [*root_checks(), *episode_checks()]
+    checks: list[Check[Any]] = [*root_checks(), *episode_checks(), *installed().episode_checks]
     checks += archive_checks() if packed else ()
-    checks += dataset_checks() if of_dataset else ()
+    checks += (*dataset_checks(), *installed().dataset_checks) if of_dataset else ()
     return len({code for check in checks if check.level in levels for code in check.rules})
 
 
@@ -244,22 +287,4 @@ def _coverage(
         frames=sum(result.frames for result in results),
         unchecked=unchecked,
         skipped=skipped,
-    )
-
-
-def _report(
-    path: str,
-    kind: str,
-    problems: tuple[Problem, ...],
-    coverage: Coverage,
-    not_listed: dict[str, int],
-) -> Report:
-    return Report(
-        path=path,
-        kind=kind,
-        standard=FORMAT_VERSION,
-        library=__version__,
-        problems=problems,
-        coverage=coverage,
-        not_listed=not_listed,
     )

@@ -252,7 +252,7 @@ def clocked(**metadata: Any) -> Draft:
 def extension(**metadata: Any) -> Draft:
     """Return an episode with a third party's kind, and keys of its own."""
     draft = Draft(**metadata)
-    draft.metadata["acme:rig"] = {"table": 3}
+    draft.metadata["acme:rig"] = {"schema_url": "https://acme.example/rig.json", "table": 3}
     draft.stream(
         "current",
         "acme:motor-current",

@@ -32,6 +32,10 @@ def _kind_cases() -> Iterator[Case]:
     del _stream(draft, "current")["schema_url"]
     at = Finding("EXT-001", ROOT, _at("current", "schema_url"))
     yield case("EXT-001__no_schema", "An extension without its schema.", draft, at)
+    draft = bases.extension()
+    del draft.metadata["acme:rig"]["schema_url"]
+    at = Finding("EXT-002", ROOT, f"{EXUMI}/acme:rig")
+    yield case("EXT-002__no_schema", "A third party's object without its schema.", draft, at)
 
 
 def _array_cases() -> Iterator[Case]:

@@ -1,8 +1,12 @@
 """What each verb prints and does, on data that is as it should be, and on data that is not."""
 
 import json
+import re
+import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -54,6 +58,59 @@ def test_validate_finds_damage_and_exits_with_1(dataset: Path, episode: Path) ->
     # Metadata alone does not show it.
     shallow = run("validate", dataset, "--level", "hierarchy", "--format", "json")
     assert json.loads(shallow.stdout)["coverage"]["levels"] == ["document", "hierarchy"]
+
+
+def test_validate_prints_for_ci_servers(dataset: Path) -> None:
+    junit = run("validate", dataset, "--format", "junit")
+    suites = ET.fromstring(junit.stdout)  # noqa: S314  # our own
+    assert suites.attrib["failures"] == "0"
+    sarif = json.loads(run("validate", dataset, "--format", "sarif").stdout)
+    assert sarif["version"] == "2.1.0"
+    assert run("validate", dataset, "--format", "xml").exit_code == 2
+
+
+def test_validate_by_a_configuration(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work = tmp_path / "work"
+    work.mkdir()
+    file = work / "exumi.toml"
+    file.write_text('[validate.rules]\n"ID-002" = "off"\n')
+    monkeypatch.chdir(work)
+    assert result_of("validate", dataset)["configuration"]["file"] == str(file)
+    assert result_of("validate", dataset, "--no-config")["configuration"] is None
+    other = tmp_path / "lab.toml"
+    other.write_text('[validate.rules]\n"ID-02" = "off"\n')
+    done = run("validate", dataset, "--config", other)
+    assert done.exit_code == 2
+    assert "there is no rule ID-02, but ID-002" in done.stderr
+    assert run("validate", dataset, "--config", tmp_path / "none.toml").exit_code == 2
+    assert run("validate", dataset, "--config", file, "--no-config").exit_code == 2
+
+
+def test_validate_mends_the_catalog_when_it_is_told_to(dataset: Path) -> None:
+    catalog = dataset / "catalog.parquet"
+    catalog.unlink()
+    done = run("validate", dataset, "--fix")
+    assert done.exit_code == 0
+    assert "catalog.parquet would be rebuilt: 2 added" in done.stdout
+    assert "CAT-001" in done.stdout
+    assert not catalog.exists()
+    report = run("validate", dataset, "--fix", "--apply", "--format", "json")
+    assert json.loads(report.stdout)["problems"] == []
+    assert "catalog.parquet rebuilt" in report.stderr
+    assert read_catalog(dataset) is not None
+    assert "belong to --fix" in run("validate", dataset, "--apply").stderr
+
+
+def test_validate_is_coloured_on_a_terminal_only(
+    dataset: Path, exumi: Callable[..., subprocess.CompletedProcess[str]]
+) -> None:
+    plain = exumi("validate", dataset)
+    assert "\x1b" not in plain.stdout
+    coloured = exumi("validate", dataset, FORCE_COLOR="1", TERM="xterm")
+    assert "\x1b[1;32mvalid" in coloured.stdout
+    assert re.sub(r"\x1b\[[0-9;]*m", "", coloured.stdout) == plain.stdout
 
 
 def test_validate_reports_a_missing_shard(episode: Path) -> None:

@@ -2,10 +2,17 @@
 
 import re
 from collections.abc import Iterator
+from typing import Any
 
 from exumi_data.model.description import CalibrationItem, Label, LossyStep, QualityNote, Segment
 from exumi_data.model.episode import DerivedMetadata, EpisodeMetadata
-from exumi_data.model.streams import PoseStream, TaxelsStream, WidthStream, WrenchStream
+from exumi_data.model.streams import (
+    ExtensionStream,
+    PoseStream,
+    TaxelsStream,
+    WidthStream,
+    WrenchStream,
+)
 from exumi_data.standard import units
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext, newer_minor
 from exumi_validators.document_rules import (
@@ -15,8 +22,10 @@ from exumi_validators.document_rules import (
     model_rule_problems,
 )
 from exumi_validators.findings import problem
-from exumi_validators.registry import check
-from exumi_validators.report import Problem
+from exumi_validators.model_problems import problems_of_model
+from exumi_validators.registry import Finding, check
+from exumi_validators.report import Problem, Skipped
+from exumi_validators.schema_walk import extension_keys
 
 __all__ = [
     "fields",
@@ -27,6 +36,7 @@ __all__ = [
     "segments",
     "source",
     "stream_names",
+    "third_parties",
     "timestamps",
     "unit_names",
 ]
@@ -40,7 +50,7 @@ _EXTENSION_UNIT = re.compile(r"[a-z][a-z0-9-]*:\S+")
 
 
 @check(*MODEL_RULES, "ID-001", "KIND-001", "EXT-001")
-def fields(episode: EpisodeContext) -> Iterator[Problem]:
+def fields(episode: EpisodeContext) -> Iterator[Finding]:
     """Judge every field of the root's document and of that of ``derived``."""
     document = episode.document
     if document is not None and (episode.metadata is None or not set(document) >= _HEAD):
@@ -49,6 +59,49 @@ def fields(episode: EpisodeContext) -> Iterator[Problem]:
     if derived is not None and newer_minor(derived.get("version")) is not None:
         path = "derived/zarr.json"
         yield from model_rule_problems("derived", DerivedMetadata, derived, path, EXUMI)
+    for name, stream in episode.streams.items():
+        if isinstance(stream, ExtensionStream):
+            yield from _fields_of_extension(episode, name, stream)
+
+
+def _fields_of_extension(
+    episode: EpisodeContext, name: str, stream: ExtensionStream
+) -> Iterator[Finding]:
+    """Judge what a third party says of its stream, by its package's own description."""
+    kind = episode.described_kind(stream)
+    if kind is None:
+        reason = f"no installed package describes {stream.kind} {stream.extension_version}"
+        yield Skipped("META-002", reason, f"streams/{name}")
+        return
+    document = (episode.document or {})["streams"][name]
+    at = (*EXUMI, "streams", name)
+    yield from problems_of_model(kind.metadata, document, ROOT, at)
+    for key in document:
+        if key.startswith(f"{kind.vendor}:") and key not in kind.keys:
+            yield problem("META-003", ROOT, pointer=(*at, key), found=key)
+
+
+@check("EXT-002")
+def third_parties(episode: EpisodeContext) -> Iterator[Problem]:
+    """Judge that objects of third parties say where they are described."""
+    document = episode.document or {}
+    if not _has_key_of_third_party(document):  # walking along the schema costs more
+        return
+    for pointer in extension_keys("episode", document):
+        value: Any = document
+        for part in pointer:
+            value = value[part]
+        in_own_stream = len(pointer) > 2 and pointer[0] == "streams"
+        if in_own_stream and ":" in str(document["streams"][pointer[1]].get("kind")):
+            continue
+        if isinstance(value, dict) and not isinstance(value.get("schema_url"), str):
+            yield problem("EXT-002", ROOT, pointer=(*EXUMI, *pointer), found=pointer[-1])
+
+
+def _has_key_of_third_party(value: object) -> bool:
+    if isinstance(value, dict):
+        return any(":" in key or _has_key_of_third_party(item) for key, item in value.items())
+    return isinstance(value, list) and any(_has_key_of_third_party(item) for item in value)
 
 
 @check("META-005")

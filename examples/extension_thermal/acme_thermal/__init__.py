@@ -1,0 +1,3 @@
+"""Fingertip temperature in exUMI episodes."""
+
+__all__: list[str] = []

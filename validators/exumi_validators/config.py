@@ -1,0 +1,234 @@
+"""Rules judged in another way than the standard's, by a file of the user's.
+
+``exumi.toml``, or the table ``[tool.exumi]`` of ``pyproject.toml``::
+
+    [validate.rules]
+    "TIME-006" = "info"
+    "POSE-003" = {severity = "warning", limits = {speed_m_per_s = 8.0}, reason = "a fast arm"}
+
+    [[validate.suppress]]
+    rule = "TACT-008"
+    path = "episodes/a1/*"
+    reason = "the night session, known"
+
+The file is never looked for beside the data: data must not say how it is judged.
+"""
+
+import difflib
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from exumi_data.errors import UsageError
+from exumi_validators.plugins import known_rules
+from exumi_validators.report import Configuration, Problem, Reclassified, Suppression
+
+__all__ = ["CONFIG_NAMES", "Config", "find_config", "read_config"]
+
+CONFIG_NAMES = ("exumi.toml", "pyproject.toml")
+
+_Severity = Literal["error", "warning", "info", "off"]
+_MAX_BYTES = 1 << 20
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+
+_Reason = Annotated[str, Field(min_length=1)]
+
+
+class _Rule(_Table):
+    severity: _Severity | None = None
+    limits: dict[str, float] = {}
+    reason: _Reason | None = None
+
+
+def _in_full(value: object) -> object:
+    """Write `"info"` in full, as `{severity = "info"}`."""
+    return {"severity": value} if isinstance(value, str) else value
+
+
+class _Suppression(_Table):
+    rule: str
+    path: str | None = None
+    reason: _Reason
+
+
+class _Validate(_Table):
+    rules: dict[str, Annotated[_Rule, BeforeValidator(_in_full)]] = {}
+    suppress: list[_Suppression] = []
+
+
+class _File(_Table):
+    validate_: Annotated[_Validate, Field(alias="validate")] = _Validate()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """How rules are judged, where it is not as the standard has it.
+
+    Attributes
+    ----------
+    configuration : Configuration
+        What the report says of it.
+    limits : mapping
+        Numbers to judge by, by the rule's id and the limit's name.
+    """
+
+    configuration: Configuration
+    limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def revised(self, problem: Problem, episode: str | None = None) -> Problem:
+        """Return a problem as it is to be reported.
+
+        Parameters
+        ----------
+        problem : Problem
+        episode : str, optional
+            Path of the episode that the problem's place is relative to.
+        """
+        for rule in self.configuration.rules:
+            if rule.code != problem.code:
+                continue
+            if rule.severity == "off":
+                reason = rule.reason or f"switched off in {self.configuration.file}"
+                problem = replace(problem, suppressed=reason)
+            else:
+                problem = replace(problem, severity=rule.severity)
+        for item in self.configuration.suppress:
+            if item.rule == problem.code and _covers(item.path, problem, episode):
+                return replace(problem, suppressed=item.reason)
+        return problem
+
+
+def _covers(pattern: str | None, problem: Problem, episode: str | None) -> bool:
+    if pattern is None:
+        return True
+    path = problem.location.path
+    names = (path,) if episode is None else (f"{episode}/{path}", episode, path)
+    return any(fnmatchcase(name, pattern) for name in names)
+
+
+def find_config(
+    folder: str | os.PathLike[str], *, data: str | os.PathLike[str] | None = None
+) -> Path | None:
+    """Look for a configuration in a folder and those above it; the nearest one counts.
+
+    Parameters
+    ----------
+    folder : path-like
+        Where the user works, not where the data is.
+    data : path-like, optional
+        What is to be validated: a file inside of it is passed over.
+
+    Returns
+    -------
+    pathlib.Path
+        An ``exumi.toml``, or a ``pyproject.toml`` that has the table ``[tool.exumi.validate]``;
+        None where there is neither.
+    """
+    start = Path(folder).resolve()
+    judged = None if data is None else Path(data).resolve()
+    for place in (start, *start.parents):
+        if judged is not None and place.is_relative_to(judged):
+            continue
+        for name in CONFIG_NAMES:
+            file = place / name
+            if file.is_file() and (name == "exumi.toml" or "validate" in _own_table(file)):
+                return file
+    return None
+
+
+def _own_table(file: Path) -> dict[str, Any]:
+    """Return what of a file is ours."""
+    try:
+        if file.stat().st_size > _MAX_BYTES:
+            raise UsageError(f"has more than {_MAX_BYTES:,} bytes", where=file)
+        document = tomllib.loads(file.read_text("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"is no TOML: {error}", where=file) from None
+    if file.name != "pyproject.toml":
+        return document
+    tool = document.get("tool")
+    table = tool.get("exumi") if isinstance(tool, dict) else None
+    return table if isinstance(table, dict) else {}
+
+
+def read_config(file: str | os.PathLike[str]) -> Config:
+    """Read a configuration.
+
+    Parameters
+    ----------
+    file : path-like
+        TOML; of a file named ``pyproject.toml`` the table ``[tool.exumi]``.
+
+    Returns
+    -------
+    Config
+
+    Raises
+    ------
+    UsageError
+        It is no TOML, or something in it is wrong, such as an unknown rule or a missing reason.
+    OSError
+        It cannot be read.
+    """
+    path = Path(file)
+    try:
+        table = _File.model_validate(_own_table(path)).validate_
+    except ValidationError as error:
+        raise _refusal(path, [_mistake(item) for item in error.errors()]) from None
+    known = known_rules()
+    mistakes = [_unknown(code, known) for code in table.rules if code not in known]
+    mistakes += [_unknown(item.rule, known) for item in table.suppress if item.rule not in known]
+    rules = {code: rule for code, rule in table.rules.items() if code in known}
+    for code, rule in rules.items():
+        mistakes += [
+            f"{code} has no limit {name}; it has {', '.join(known[code].limits) or 'none'}"
+            for name in rule.limits
+            if name not in known[code].limits
+        ]
+    if mistakes:
+        raise _refusal(path, mistakes)
+    changed = tuple(
+        Reclassified(
+            code=code,
+            severity=rule.severity or known[code].severity,
+            standard=known[code].severity,
+            limits=rule.limits,
+            standard_limits={name: known[code].limits[name] for name in rule.limits},
+            reason=rule.reason,
+        )
+        for code, rule in sorted(rules.items())
+    )
+    suppress = tuple(
+        Suppression(rule=item.rule, path=item.path, reason=item.reason) for item in table.suppress
+    )
+    return Config(
+        configuration=Configuration(file=os.fspath(file), rules=changed, suppress=suppress),
+        limits={code: rule.limits for code, rule in rules.items() if rule.limits},
+    )
+
+
+def _refusal(path: Path, mistakes: list[str]) -> UsageError:
+    return UsageError(
+        "; ".join(dict.fromkeys(mistakes)), where=path, fix="See: exumi validate --help"
+    )
+
+
+def _unknown(code: str, known: Mapping[str, object]) -> str:
+    near = difflib.get_close_matches(code, known, n=1)
+    return f"there is no rule {code}" + (f", but {near[0]}" if near else "")
+
+
+def _mistake(item: Any) -> str:
+    place = ".".join(str(part) for part in item["loc"])
+    message = str(item["msg"])
+    return f"{place}: {message[:1].lower()}{message[1:]}"
