@@ -240,10 +240,14 @@ def _suppressed(report: "Report", *, verbose: bool) -> Iterator[Line]:
 
 
 def _skipped(report: "Report") -> Iterator[Line]:
+    """List what had nothing to be judged by: rules with the same reason in one line."""
     if not report.coverage.skipped:
         return
     yield ()
     yield (("not checked, for want of something to judge by:", "plain"),)
+    codes: dict[tuple[str, str, int], list[str]] = {}
     for item in report.coverage.skipped:
-        more = f" and {item.count - 1:,} more" if item.count > 1 else ""
-        yield ((f"  {item.code}: {show(item.reason)} @ {show(item.path)}{more}", "dim"),)
+        codes.setdefault((item.reason, item.path, item.count), []).append(item.code)
+    for (reason, path, count), rules in codes.items():
+        more = f" and {count - 1:,} more" if count > 1 else ""
+        yield ((f"  {', '.join(rules)}: {show(reason)} @ {show(path)}{more}", "dim"),)

@@ -66,7 +66,9 @@ def write_small_episode(path: Path, episode_id: str, *, frames: int = 6) -> Path
         licence="CC0-1.0",
         annotations=Annotations(
             object_id="egg",
-            labels=[Label(property="hardness", value=3.5, scale=[0, 10], provenance="human")],
+            labels=[
+                Label(property="hardness", value=3.5, scale=[0, 10], raters=3, provenance="human")
+            ],
         ),
         source=Source(
             type="simulated",
@@ -85,7 +87,7 @@ def write_small_episode(path: Path, episode_id: str, *, frames: int = 6) -> Path
     with EpisodeWriter(path, metadata, durable=False) as writer:
         tactile = writer.add_stream("tactile", kind="tactile", clock=clock, images=images)
         for stamp in time:
-            frame = random.integers(0, 255, (48, 64, 3)).astype(np.uint8)
+            frame = random.integers(80, 100, (48, 64, 3)).astype(np.uint8)
             tactile.append(int(stamp), jpeg.encode(frame, 95))
         tactile.set_reference(np.full((48, 64, 3), 90, np.uint8), method="captured")
         pose = writer.add_stream(
