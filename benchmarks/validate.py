@@ -7,10 +7,10 @@ started in the same way, in the same run::
 """
 
 import argparse
+import itertools
 import json
 from collections.abc import Callable
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +50,7 @@ def _measure(dataset: Path, workers: int, repeats: int) -> dict[str, Any]:
         raise SystemExit(f"{dataset}: {seen} frames were validated, {known} decoded")
     found: dict[str, Any] = {"episodes": len(paths), "frames": known}
     for level in LEVELS:
-        found[f"{level}_episodes_per_s"] = timed(partial(_episodes, validate, level), repeats)
+        found[f"{level}_episodes_per_s"] = timed(partial(_episodes_at, validate, level), repeats)
     # One after the other, so that both see the same neighbours on the machine.
     rates: dict[str, list[float]] = {"data": [], "bare": []}
     runs: dict[str, Callable[[], int]] = {"data": lambda: validate("data")[1], "bare": bare}
@@ -73,7 +73,7 @@ def _validate(dataset: Path, workers: int, level: Any) -> tuple[int, int]:
     return coverage.episodes, coverage.frames
 
 
-def _episodes(validate: Callable[[Any], tuple[int, int]], level: Any) -> int:
+def _episodes_at(validate: Callable[[Any], tuple[int, int]], level: str) -> int:
     return validate(level)[0]
 
 
@@ -101,7 +101,7 @@ def _decode_stream(store: FolderStore, base: str, images: dict[str, Any]) -> int
     if not isinstance(data, ArrayReader):
         raise SystemExit(f"{base}: not in the standard layout")
     edges = offset.tolist()
-    files = (data.bytes_at(a, b - a) for a, b in pairwise(edges))
+    files = (data.bytes_at(a, b - a) for a, b in itertools.pairwise(edges))
     if images["encoding"] == "video":
         return sum(_decode_video(file) for file in files)
     out = np.empty((images["height"], images["width"], images["channels"]), np.uint8)

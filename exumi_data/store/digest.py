@@ -1,6 +1,7 @@
 """The digest of an episode: the same for a folder and for its packed form (spec: Identity)."""
 
 import hashlib
+from collections.abc import Iterable
 from pathlib import Path
 
 from exumi_data.store.access import Store
@@ -27,7 +28,7 @@ def sha256_store_file(store: Store, path: str) -> tuple[str, int]:
     return state.hexdigest(), size
 
 
-def digest_of(store: Store, *, derived: bool = False) -> str:
+def digest_of(store: Store, *, derived: bool = False, paths: Iterable[str] | None = None) -> str:
     r"""Return an episode's digest.
 
     It is the sha-256 over lines ``sha256 size path\n`` of all files outside ``derived/``, sorted
@@ -38,6 +39,8 @@ def digest_of(store: Store, *, derived: bool = False) -> str:
     store : Store
     derived : bool
         Digest the files in ``derived/`` instead: what a cache of derived values depends on.
+    paths : iterable of str, optional
+        All files of the store, where they are known: it is not listed again.
 
     Returns
     -------
@@ -45,7 +48,7 @@ def digest_of(store: Store, *, derived: bool = False) -> str:
         64 hexadecimal digits.
     """
     state = hashlib.sha256()
-    for path in sorted(store.paths(), key=str.encode):
+    for path in sorted(store.paths() if paths is None else paths, key=str.encode):
         if path.startswith("derived/") != derived:
             continue
         checksum, size = sha256_store_file(store, path)

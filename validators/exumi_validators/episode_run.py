@@ -215,7 +215,8 @@ def _with_digest(result: EpisodeResult, episode: EpisodeContext) -> EpisodeResul
     if episode.listing.links or episode.listing.unsafe or not episode.judgeable:
         return result
     try:
-        return replace(result, facts=replace(result.facts, digest=digest_of(episode.store)))
+        digest = digest_of(episode.store, paths=episode.listing.files)
+        return replace(result, facts=replace(result.facts, digest=digest))
     except (ExumiError, OSError):
         return result  # bytes that cannot be read are the matter of other rules
 

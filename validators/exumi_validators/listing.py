@@ -46,15 +46,18 @@ def _is_unsafe(name: str) -> bool:
     return "\\" in name or not name.isprintable() or (len(name) > 1 and name[1] == ":")
 
 
-def _walk(root: str, prefix: str, depth: int) -> Iterator[tuple[str, os.stat_result]]:
-    with os.scandir(f"{root}/{prefix}" if prefix else root) as entries:
-        for entry in entries:
-            path = f"{prefix}/{entry.name}" if prefix else entry.name
-            info = entry.stat(follow_symlinks=False)
-            if stat.S_ISDIR(info.st_mode) and depth < _MAX_DEPTH and not _is_unsafe(entry.name):
-                yield from _walk(root, path, depth + 1)
-            else:
-                yield path, info
+def _walk(root: str) -> Iterator[tuple[str, os.stat_result]]:
+    folders = [("", 0)]
+    while folders:
+        prefix, depth = folders.pop()
+        with os.scandir(f"{root}/{prefix}") as entries:
+            for entry in entries:
+                path, info = prefix + entry.name, entry.stat(follow_symlinks=False)
+                is_folder = stat.S_ISDIR(info.st_mode)
+                if is_folder and depth < _MAX_DEPTH and not _is_unsafe(entry.name):
+                    folders.append((f"{path}/", depth + 1))
+                else:
+                    yield path, info
 
 
 def list_folder(root: str) -> Listing:
@@ -65,7 +68,7 @@ def list_folder(root: str) -> Listing:
     root : str
     """
     files, links, unsafe = {}, [], []
-    for path, info in _walk(root, "", 0):
+    for path, info in _walk(root):
         if _is_unsafe(path.rpartition("/")[2]):
             unsafe.append(path)
         elif stat.S_ISREG(info.st_mode):

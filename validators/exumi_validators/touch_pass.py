@@ -14,7 +14,7 @@ from exumi_validators.frame_statistics import FrameStatistics, GlanceLimits, UIn
 
 __all__ = ["begin_statistics", "image_of", "spread", "stored_rows"]
 
-_KEPT = 12
+_KEPT = 9
 _SEARCHED = 8
 _SEARCHED_BUSY = 4  # where it is known which frames are busy, fewer will do
 _MAX_IMAGE_BYTES = 64 << 20
