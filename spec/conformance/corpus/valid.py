@@ -8,6 +8,7 @@ from corpus import bases
 from corpus.case import Case, as_zip, case, packed
 from corpus.datasets import dataset, split_by_part
 from corpus.draft import Draft
+from corpus.quality_timing import counted, events
 
 __all__ = ["valid_cases"]
 
@@ -81,17 +82,6 @@ def many_chunks() -> Draft:
     return draft
 
 
-def no_samples() -> Draft:
-    """Return an episode whose sensors said nothing."""
-    draft = Draft()
-    draft.stream("pose", "pose", frames={"parent": "world", "child": "gripper"})
-    draft.put("streams/pose/time", bases.times(0))
-    draft.put("streams/pose/data", np.empty((0, 7)), names=("time", "component"))
-    draft.stream("rgb", "rgb", images=bases.images_of("encoded"))
-    bases.put_encoded(draft, "rgb", [])
-    return draft
-
-
 def calibration_array() -> Draft:
     """Return an episode with a calibration that is too big for JSON."""
     draft = bases.poses()
@@ -162,8 +152,9 @@ def valid_cases() -> Iterator[Case]:
     yield case("derived__activity_and_salient", "Derived arrays.", bases.derived())
     yield case("time__clock_corrected", "Offset, drift, latency, flags, gaps.", bases.clocked())
     yield case("time__nominal_rate", "Nominal time with a lost frame.", nominal())
+    yield case("time__events", "Samples that come when something happens.", events())
+    yield case("time__counted", "A counter, declared gaps, a late sample.", counted())
     yield case("streams__bimanual_multirate", "Two grippers, three rates.", bimanual())
-    yield case("streams__no_samples", "Streams without samples.", no_samples())
     yield case("arrays__many_chunks", "Chunks, shards, a partly filled end.", many_chunks())
     yield case("calibration__array", "A calibration array.", calibration_array())
     yield case("source__converted_with_labels", "Provenance and labels.", converted())
