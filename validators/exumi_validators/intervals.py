@@ -5,6 +5,7 @@ and `exumi stats` never disagree on them.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -29,27 +30,25 @@ _OFF_BY_SIGMAS = 3.0
 Mask = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True)
 class Intervals:
     """The intervals of a stretch of samples; made by `intervals_of`.
 
     Attributes
     ----------
-    periods : (N-1,) int64
-        Nanoseconds from each sample to the next.
+    time : (N,) int64
+        Nanoseconds.
     statistics : RateStatistics
         As ``exumi stats`` has them.
-    pace_ns : float
-        Median time that a sample takes within runs of sixteen: of samples that arrive in bursts,
-        not the short interval within a burst.
-    pace_spread : float
-        Robust standard deviation of that, relative to it.
     """
 
-    periods: npt.NDArray[np.int64]
+    time: npt.NDArray[np.int64]
     statistics: RateStatistics
-    pace_ns: float
-    pace_spread: float
+
+    @cached_property
+    def periods(self) -> npt.NDArray[np.int64]:
+        """Nanoseconds from each sample to the next, (N-1,) int64."""
+        return np.diff(self.time)
 
     @property
     def median_ns(self) -> float:
@@ -61,6 +60,19 @@ class Intervals:
         """Jitter relative to the median interval."""
         return (self.statistics.jitter_s or 0.0) * NS_PER_S / self.median_ns
 
+    @cached_property
+    def pace_ns(self) -> float:
+        """Median time that a sample takes within runs of sixteen.
+
+        Of samples that arrive in bursts this is not the short interval within a burst.
+        """
+        return float(np.median(self._paces))
+
+    @cached_property
+    def _paces(self) -> npt.NDArray[np.float64]:
+        run = max(1, min(_RUN, len(self.time) // 4))
+        return np.asarray((self.time[run:] - self.time[:-run]) / run)
+
     @property
     def is_regular(self) -> bool:
         """Whether the samples come at a rate, and not whenever something happens.
@@ -68,8 +80,12 @@ class Intervals:
         They do where the intervals are alike, or where runs of them take equally long, as of
         samples that are measured regularly and arrive in bursts.
         """
-        steady = self.jitter <= _STEADY
-        return steady or (len(self.periods) >= _MIN_RUNS and self.pace_spread <= _STEADY_RUN)
+        if self.jitter <= _STEADY:
+            return True
+        if len(self.periods) < _MIN_RUNS:
+            return False
+        spread = _MAD_TO_SIGMA * float(np.median(np.abs(self._paces - self.pace_ns)))
+        return spread <= _STEADY_RUN * self.pace_ns
 
     def crowded(self, fraction: float) -> Mask:
         """Find intervals that are too short for two measurements.
@@ -141,13 +157,4 @@ def intervals_of(
         statistics = rate_statistics(time_ns, gap_factor=gap_factor)
     except ValueError:
         return None
-    run = max(1, min(_RUN, len(time_ns) // 4))
-    paces = (time_ns[run:] - time_ns[:-run]) / run
-    pace = float(np.median(paces))
-    spread = _MAD_TO_SIGMA * float(np.median(np.abs(paces - pace)))
-    return Intervals(
-        periods=np.diff(time_ns),
-        statistics=statistics,
-        pace_ns=pace,
-        pace_spread=spread / pace,
-    )
+    return Intervals(time_ns, statistics)

@@ -65,9 +65,9 @@ class _Judge:
         elif self.rate is None and not intervals.is_regular:
             self.skip("samples come irregularly", *self.applicable)
         else:
-            declared = self.gaps.intervals(stretch)
             if self.measured and self.unsteady(stretch, intervals):
                 return
+            declared = self.gaps.intervals(stretch)
             self.long_intervals(stretch, intervals, declared)
             self.spans(stretch, intervals)
             if self.measured and self.rate:
@@ -124,6 +124,8 @@ class _Judge:
         self, stretch: Stretch, intervals: Intervals, declared: npt.NDArray[np.bool_]
     ) -> None:
         """Judge that gaps are declared."""
+        if not intervals.statistics.gaps:
+            return
         silent = np.zeros(len(intervals.periods), dtype=np.bool_)
         silent[intervals.gap_positions()] = True
         places = stretch.fresh_only(silent & ~declared)
@@ -131,6 +133,8 @@ class _Judge:
 
     def spans(self, stretch: Stretch, intervals: Intervals) -> None:
         """Judge that a gap is as long as the samples that it lost."""
+        if not self.gaps.lost.any():
+            return
         inside = self.gaps.inside(stretch)
         at = self.gaps.after[inside] - stretch.first
         lost = self.gaps.lost[inside].astype(np.float64)
