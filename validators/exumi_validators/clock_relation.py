@@ -107,11 +107,19 @@ def _located(level: Float64Array, place: int, window: int, limit_ns: float) -> S
     before, after = _sides(level, index, window)
     size = float(np.median(after) - np.median(before))
     sign = 1.0 if size > 0 else -1.0
-    apart = np.quantile(sign * after, 0.25) - np.quantile(sign * before, 0.75)
+    apart = float(np.quantile(sign * after, 0.25) - np.quantile(sign * before, 0.75))
     at_once = abs(float(np.median(after[:3]) - np.median(before[-3:])))
-    if abs(size) <= limit_ns or apart <= limit_ns / 2 or at_once <= abs(size) / 2:
+    # Both sides stay at their level, and the change takes no more than a sample or two.
+    steady = max(_tilt(before), _tilt(after)) < abs(size) / 2
+    if abs(size) <= limit_ns or min(apart, at_once) <= abs(size) / 2 or not steady:
         return None
     return Step(index, size)
+
+
+def _tilt(side: Float64Array) -> float:
+    """Return how much the level changes from the first half to the second."""
+    half = len(side) // 2
+    return abs(float(np.median(side[half:]) - np.median(side[:half]))) if half else 0.0
 
 
 class Thinned:

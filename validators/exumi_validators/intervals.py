@@ -17,13 +17,17 @@ __all__ = ["MIN_INTERVALS", "Intervals", "intervals_of"]
 MIN_INTERVALS = 20
 """Fewer have no rhythm that could be judged."""
 
-_STEADY = 0.3
+_STEADY = 0.2
 """Jitter, in medians, up to which intervals are regular each for itself."""
 _RUN = 16
-_STEADY_RUN = 0.1
-"""Spread, in means, up to which runs of sixteen intervals are regular; that of independent events
-is a quarter."""
-_MIN_RUNS = 64
+_STEADY_RUNS = 0.1
+"""Spread of the mean interval of runs of sixteen, in jitters, up to which a clock made them. Stamps
+that are off one by one make it a sixteenth, independent intervals a quarter."""
+_CLUSTERS = 2.0
+"""Time that a sample takes within runs, in medians, above which samples come in clusters."""
+_STEADY_CLUSTERS = 0.05
+"""Spread of runs, relative, up to which clusters are bursts of regular samples."""
+_MIN_RUNS = 200
 _MAD_TO_SIGMA = 1.4826
 _OFF_BY_SIGMAS = 3.0
 
@@ -77,15 +81,18 @@ class Intervals:
     def is_regular(self) -> bool:
         """Whether the samples come at a rate, and not whenever something happens.
 
-        They do where the intervals are alike, or where runs of them take equally long, as of
-        samples that are measured regularly and arrive in bursts.
+        They do where the intervals are alike, or where runs of them are much more alike than they
+        are: what was measured by a clock may arrive late or in bursts, but catches up.
         """
-        if self.jitter <= _STEADY:
+        in_clusters = self.pace_ns > _CLUSTERS * self.median_ns
+        if self.jitter <= _STEADY and not in_clusters:
             return True
         if len(self.periods) < _MIN_RUNS:
             return False
-        spread = _MAD_TO_SIGMA * float(np.median(np.abs(self._paces - self.pace_ns)))
-        return spread <= _STEADY_RUN * self.pace_ns
+        spread_ns = _MAD_TO_SIGMA * float(np.median(np.abs(self._paces - self.pace_ns)))
+        if in_clusters:
+            return spread_ns <= _STEADY_CLUSTERS * self.pace_ns
+        return spread_ns <= _STEADY_RUNS * self.jitter * self.median_ns
 
     def crowded(self, fraction: float) -> Mask:
         """Find intervals that are too short for two measurements.

@@ -70,8 +70,8 @@ def _empty_cases() -> Iterator[Case]:
     places = [Finding("STRM-004", f"streams/{name}/time") for name in ("pose", "rgb")]
     yield case("STRM-004__no_samples", "Sensors that said nothing.", draft, *places)
     draft = _current(_regular(40))
-    _add(draft, "later", _regular(40) + 1_000_000_000)
-    at = Finding("TIME-009", "streams")
+    _add(draft, "later", _regular(30) + 1_000_000_000)
+    at = Finding("TIME-009", "streams/later/time")
     yield case("TIME-009__one_after_the_other", "A clock that is a second ahead.", draft, at)
 
 

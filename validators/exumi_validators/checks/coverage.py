@@ -28,30 +28,24 @@ def empty(episode: EpisodeContext) -> Iterator[Problem]:
 
 @check("TIME-009")
 def overlap(episode: EpisodeContext) -> Iterator[Problem]:
-    """Judge that the streams were recorded at the same time."""
+    """Judge that the streams were recorded at the same time as the longest one."""
     ends: dict[str, tuple[int, int]] = {}
-    for name in episode.streams:
+    for name in sorted(episode.streams):
         for _, (time,) in episode.blocks(f"streams/{name}/time"):
             first = ends[name][0] if name in ends else int(time[0])
             ends[name] = (first, int(time[-1]))
-    lengths = [last - first for first, last in ends.values()]
-    if len(ends) < 2 or min(lengths) < 0:
+    # A stream of one sample has no length that could overlap.
+    ends = {name: (first, last) for name, (first, last) in ends.items() if last > first}
+    if len(ends) < 2:
         return
-    late = max(ends, key=lambda name: ends[name][0])
-    early = min(ends, key=lambda name: ends[name][1])
-    common = ends[early][1] - ends[late][0]
-    shortest = min(lengths)
-    # A stream of one sample has no length, but a place.
-    if common < 0 or common < episode.limit("TIME-009", "share_of_shortest") * shortest:
-        found, expected = max(common, 0) / NS_PER_S, shortest / NS_PER_S
-        detail = f"{late} begins last, {early} ends first"
-        yield problem(
-            "TIME-009",
-            "streams",
-            found=f"{found:.4g} s",
-            expected=f"{expected:.4g} s",
-            detail=detail,
-        )
+    longest = max(ends, key=lambda name: ends[name][1] - ends[name][0])
+    share = episode.limit("TIME-009", "share_of_stream")
+    for name, (first, last) in ends.items():
+        common = max(0, min(last, ends[longest][1]) - max(first, ends[longest][0]))
+        if common < share * (last - first):
+            found, expected = f"{common / NS_PER_S:.4g} s", f"{(last - first) / NS_PER_S:.4g} s"
+            path = f"streams/{name}/time"
+            yield problem("TIME-009", path, found=found, expected=expected, detail=longest)
 
 
 @check("SEQ-002")
