@@ -93,7 +93,8 @@ def _image_cases() -> Iterator[Case]:
     draft.stream("rgb", "rgb", images=images)
     bases.put_encoded(draft, "rgb", [])
     at = Finding("IMG-001", ROOT, _at("rgb", "images"))
-    yield case("IMG-001__ten_gigabytes", "A frame of 10 GB.", draft, at)
+    empty = Finding("STRM-004", "streams/rgb/time")
+    yield case("IMG-001__ten_gigabytes", "A frame of 10 GB.", draft, at, empty)
     draft = bases.tactile()
     del _stream(draft, "tactile")["reference"]
     at = Finding("TACT-001", ROOT, _at("tactile", "reference"))

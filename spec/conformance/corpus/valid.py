@@ -9,6 +9,7 @@ from corpus.case import Case, as_zip, case, packed
 from corpus.datasets import dataset, split_by_part
 from corpus.draft import Draft
 from corpus.quality_sync import grasp, tap
+from corpus.quality_timing import counted, events
 
 __all__ = ["valid_cases"]
 
@@ -90,17 +91,6 @@ def many_chunks() -> Draft:
     forces = np.arange(11, dtype=np.float32).reshape(11, 1)
     names = ("time", "component")
     draft.put("streams/force/data", forces, names=names, chunk_rows=3, chunks_per_shard=2)
-    return draft
-
-
-def no_samples() -> Draft:
-    """Return an episode whose sensors said nothing."""
-    draft = Draft()
-    draft.stream("pose", "pose", frames={"parent": "world", "child": "gripper"})
-    draft.put("streams/pose/time", bases.times(0))
-    draft.put("streams/pose/data", np.empty((0, 7)), names=("time", "component"))
-    draft.stream("rgb", "rgb", images=bases.images_of("encoded"))
-    bases.put_encoded(draft, "rgb", [])
     return draft
 
 
@@ -203,8 +193,9 @@ def valid_cases() -> Iterator[Case]:
     yield case("derived__activity_and_salient", "Derived arrays.", bases.derived())
     yield case("time__clock_corrected", "Offset, drift, latency, flags, gaps.", bases.clocked())
     yield case("time__nominal_rate", "Nominal time with a lost frame.", nominal())
+    yield case("time__events", "Samples that come when something happens.", events())
+    yield case("time__counted", "A counter, declared gaps, a late sample.", counted())
     yield case("streams__bimanual_multirate", "Two grippers, three rates.", bimanual())
-    yield case("streams__no_samples", "Streams without samples.", no_samples())
     yield case("arrays__many_chunks", "Chunks, shards, a partly filled end.", many_chunks())
     yield case("calibration__array", "A calibration array.", calibration_array())
     yield case("source__converted_with_labels", "Provenance and labels.", converted())

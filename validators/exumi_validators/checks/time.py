@@ -16,12 +16,14 @@ from exumi_validators.registry import check
 from exumi_validators.report import Problem
 
 __all__ = [
+    "flags_fit",
     "gaps",
     "in_range",
     "increasing",
     "known_flags",
     "nominal_grid",
     "off_grid",
+    "raw_scale",
     "raw_time",
     "sequences",
 ]
@@ -65,12 +67,14 @@ def in_range(episode: EpisodeContext) -> Iterator[Problem]:
 def raw_time(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that time follows from the raw time by the clock."""
     for name, stream in episode.streams.items():
-        scale = _raw_scale(stream)
-        if stream.clock.raw_time is None or scale is None:
+        if stream.clock.raw_time is None:
+            continue
+        scale = raw_scale(stream, stream.clock.raw_time)
+        if scale is None:
             continue
         path = f"streams/{name}/time"
         paths = [path, f"streams/{name}/{stream.clock.raw_time}"]
-        if _flags_fit(episode, name):
+        if flags_fit(episode, name):
             paths.append(f"streams/{name}/flags")
         for start, (time, raw, *flag) in episode.blocks(*paths):
             expected = _corrected(raw, scale, stream.clock)
@@ -95,15 +99,29 @@ def raw_time(episode: EpisodeContext) -> Iterator[Problem]:
                 break
 
 
-def _raw_scale(stream: StreamModel) -> int | None:
-    """Nanoseconds a unit of the raw time; None when the unit is none of time."""
-    if stream.clock.raw_time == "time_device":
+def raw_scale(stream: StreamModel, array: str) -> int | None:
+    """Nanoseconds a unit of a raw time; None when the unit is none of time.
+
+    Parameters
+    ----------
+    stream : StreamModel
+    array : {"time_host", "time_device"}
+    """
+    if array == "time_device":
         unit = units().get(stream.time_device_unit or "")
         return None if unit is None else unit.ns
     return 1
 
 
-def _flags_fit(episode: EpisodeContext, name: str) -> bool:
+def flags_fit(episode: EpisodeContext, name: str) -> bool:
+    """Whether a stream has flags, one for each sample.
+
+    Parameters
+    ----------
+    episode : EpisodeContext
+    name : str
+        Of the stream.
+    """
     reader = episode.reader(f"streams/{name}/flags")
     return reader is not None and reader.shape[0] == episode.count(name)
 
@@ -184,7 +202,7 @@ def sequences(episode: EpisodeContext) -> Iterator[Problem]:
         if "sequence" not in stream.arrays:
             continue
         path = f"streams/{name}/sequence"
-        flagged = _flags_fit(episode, name)
+        flagged = flags_fit(episode, name)
         paths = (path, f"streams/{name}/flags") if flagged else (path,)
         last: np.ndarray | None = None
         for start, (sequence, *flag) in episode.blocks(*paths):
