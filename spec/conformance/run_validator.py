@@ -29,6 +29,10 @@ PLACE = ("episode", "path", "pointer", "index")
 Key = tuple[Any, ...]
 
 
+class AnswerError(Exception):
+    """The answer of a validator is not what the protocol asks for."""
+
+
 def key_of(code: Any, place: dict[str, Any]) -> Key:
     """Return what of a finding is compared."""
     return (code, *(place.get(name) for name in PLACE))
@@ -39,22 +43,19 @@ def reported(answer: Any) -> list[Key]:
 
     Raises
     ------
-    ValueError
-        The answer is not what the protocol asks for.
+    AnswerError
+        It is not what the protocol asks for.
     """
     problems = answer.get("problems") if isinstance(answer, dict) else None
     if not isinstance(problems, list):
-        msg = "the answer has no list `problems`"
-        raise ValueError(msg)
+        raise AnswerError("the answer has no list `problems`")
     found = []
     for problem in problems:
         if not isinstance(problem, dict) or not isinstance(problem.get("code"), str):
-            msg = "a problem has no `code`"
-            raise ValueError(msg)
+            raise AnswerError("a problem has no `code`")
         place = problem.get("location")
         if not isinstance(place, dict) or not isinstance(place.get("path"), str):
-            msg = f"the location of {problem['code']} has no `path`"
-            raise ValueError(msg)
+            raise AnswerError(f"the location of {problem['code']} has no `path`")
         found.append(key_of(problem["code"], place))
     return found
 
@@ -98,7 +99,7 @@ def _judged(
         return
     try:
         found = reported(json.loads(outcome.stdout))
-    except ValueError as error:
+    except (ValueError, AnswerError) as error:
         yield Difference(case.name, "answer", str(error))
         return
     expected = [key_of(finding["code"], finding) for finding in case.findings]

@@ -28,7 +28,7 @@ BLOCKS = 4
 BLOCK_SIDE = 8
 
 
-def sha256(data: bytes | np.ndarray) -> str:
+def sha256(data: bytes) -> str:
     """Return the sha-256 of some bytes."""
     return hashlib.sha256(data).hexdigest()
 
@@ -40,7 +40,7 @@ def dump_array(array: ArrayReader | ZarrReader) -> dict[str, Any]:
     state = hashlib.sha256()
     for start in range(0, count, step):
         rows = array.rows(start, min(count, start + step))
-        state.update(np.ascontiguousarray(rows, dtype=rows.dtype.newbyteorder("<")))
+        state.update(rows.astype(rows.dtype.newbyteorder("<"), copy=False).tobytes())
     return {
         "dtype": array.dtype.name,
         "shape": list(array.shape),
@@ -78,7 +78,7 @@ def dump_frames(stream: StreamView) -> list[dict[str, Any]]:
     for index in chosen(len(stream)):
         frame = stream.frames[index]
         if not encoded:
-            found.append({"index": index, "sha256": sha256(frame)})
+            found.append({"index": index, "sha256": sha256(frame.tobytes())})
             continue
         height, width, channels = frame.shape
         found.append(

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-__all__ = ["CORPUS", "Case", "chosen_cases", "json_at", "rules"]
+__all__ = ["CORPUS", "Case", "chosen_cases", "chosen_descriptions", "json_at", "rules"]
 
 CORPUS = Path(__file__).resolve().parents[1] / "1.0"
 """The corpus beside this program."""
@@ -63,9 +63,17 @@ def chosen_cases(corpus: Path, *, only: list[str], side: str = "*") -> list[Case
 
 
 def _matches(case: Case, pattern: str) -> bool:
-    return fnmatch.fnmatchcase(case.name, pattern) or fnmatch.fnmatchcase(
-        case.folder.name, pattern
-    )
+    return any(fnmatch.fnmatchcase(name, pattern) for name in (case.name, case.folder.name))
+
+
+def chosen_descriptions(corpus: Path, *, only: list[str]) -> list[Path]:
+    """List the folders of the episodes that a writer is to write, in order of their names."""
+    folders = sorted(path.parent for path in corpus.glob("writing/*/description.json"))
+    return [
+        folder
+        for folder in folders
+        if not only or any(fnmatch.fnmatchcase(folder.name, pattern) for pattern in only)
+    ]
 
 
 def rules() -> dict[str, dict[str, Any]]:

@@ -57,7 +57,11 @@ def options_parser(about: str) -> argparse.ArgumentParser:
     )
     parser.add_argument("--corpus", type=Path, default=CORPUS, help="default: %(default)s")
     parser.add_argument(
-        "--only", action="append", default=[], metavar="PATTERN", help="such as 'TIME-*'; repeatable"
+        "--only",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="such as TIME-*; repeatable",
     )
     parser.add_argument("--jobs", type=int, default=1, help="programs that run at a time")
     parser.add_argument("--timeout", type=float, default=60.0, help="seconds for one case")
