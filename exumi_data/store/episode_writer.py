@@ -65,6 +65,11 @@ class EpisodeWriter:
         for all that is pending on the file system at once: much faster where many episodes are
         written, but not while something else is being recorded there.
 
+    Attributes
+    ----------
+    derived : DerivedMetadata
+        What is said of the derived arrays; `add_derived` fills its items.
+
     Raises
     ------
     EpisodeExistsError
@@ -96,6 +101,7 @@ class EpisodeWriter:
                 "already exists", where=self.path, fix="Choose another name, or overwrite it."
             )
         self.metadata = metadata.model_copy(deep=True)
+        self.derived = DerivedMetadata(items={})
         self._overwrite = overwrite
         self._durable = durable
         self._streams: dict[str, StreamWriter | CopiedStream] = {}
@@ -150,7 +156,8 @@ class EpisodeWriter:
             raise UsageError(f"stream {name!r} is there already", where=self.path)
         try:
             model = _STREAM.validate_python(
-                {"kind": kind, "clock": clock or _UNKNOWN_CLOCK, "arrays": [], **fields}
+                {"kind": kind, "clock": clock or _UNKNOWN_CLOCK, "arrays": [], **fields},
+                context={"newer_minor": self.metadata.is_newer_minor},
             )
         except ValidationError as error:
             found = problems_of(error, below=("streams", name))
@@ -235,6 +242,7 @@ class EpisodeWriter:
         algorithm: str,
         parameters: dict[str, Any] | None = None,
         inputs: list[str] | None = None,
+        **fields: Any,
     ) -> None:
         """Store an array that was computed from a stream.
 
@@ -248,9 +256,13 @@ class EpisodeWriter:
             Id and version, such as ``exumi-activity/1``.
         parameters, inputs
             What it takes to compute it again.
+        **fields
+            Keys of third parties.
 
         Raises
         ------
+        MetadataError
+            A field is wrong.
         UsageError
             A name is none, or the array cannot be stored.
         """
@@ -262,7 +274,16 @@ class EpisodeWriter:
             raise UsageError(
                 f"{name} of shape {array.shape} {array.dtype} cannot be stored", where=self.path
             )
-        item = DerivedItem(algorithm=algorithm, parameters=parameters or {}, inputs=inputs or [])
+        given = {"parameters": parameters or {}, "inputs": inputs or [], **fields}
+        try:
+            item = DerivedItem.model_validate(
+                {"algorithm": algorithm, **given},
+                context={"newer_minor": self.derived.is_newer_minor},
+            )
+        except ValidationError as error:
+            found = problems_of(error, below=("items", f"{stream}/{name}"))
+            problems = tuple(f"{message} @ {path}" for message, path in found)
+            raise MetadataError("; ".join(problems), where=self.path, problems=problems) from None
         self._derived[f"{stream}/{name}"] = (array, item)
 
     def finish(self) -> Path:
@@ -328,8 +349,8 @@ class EpisodeWriter:
                 writer.abort()
         for stream in {key.partition("/")[0] for key in self._derived}:
             (root / stream / "zarr.json").write_bytes(group_document())
-        items = {key: item for key, (_, item) in self._derived.items()}
-        (root / "zarr.json").write_bytes(derived_group_document(DerivedMetadata(items=items)))
+        self.derived.items = {key: item for key, (_, item) in self._derived.items()}
+        (root / "zarr.json").write_bytes(derived_group_document(self.derived))
 
     def abort(self) -> None:
         """Remove what was written. The final name never appears."""
