@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import weakref
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -204,6 +205,47 @@ class EpisodeWriter:
         self._check_open()
         copy_files(episode.store, name, self._partial / name)
 
+    def add_calibration_array(
+        self, name: str, values: np.ndarray, *, dimension_names: Sequence[str] | None = None
+    ) -> None:
+        """Store an array of calibration values, too big for JSON.
+
+        Parameters
+        ----------
+        name : str
+            It is stored as ``calibration/<name>``; an item of ``metadata.calibration`` has this as
+            its `array`.
+        values : ndarray
+            Of at least one axis.
+        dimension_names : sequence of str, optional
+            Names of the axes.
+
+        Raises
+        ------
+        UsageError
+            The name is none or taken, or the array cannot be stored.
+        """
+        self._check_open()
+        self._check_name(name)
+        array = self._storable(name, values)
+        names = dimension_names or [f"axis_{i}" for i in range(array.ndim)]
+        root = self._partial / "calibration"
+        if (root / name).exists() or len(names) != array.ndim:
+            raise UsageError(
+                f"calibration/{name} is there already, or its axes are not {len(names)}",
+                where=self.path,
+            )
+        _write_array(root / name, array, tuple(names))
+        (root / "zarr.json").write_bytes(group_document())
+
+    def _storable(self, name: str, values: np.ndarray) -> np.ndarray:
+        array = np.asarray(values)
+        if not array.ndim or array.dtype.name not in DTYPES:
+            raise UsageError(
+                f"{name} of shape {array.shape} {array.dtype} cannot be stored", where=self.path
+            )
+        return array
+
     def _check_open(self) -> None:
         if self._done:
             raise UsageError("the episode is finished or was given up", where=self.path)
@@ -269,11 +311,7 @@ class EpisodeWriter:
         self._check_open()
         self._check_name(stream)
         self._check_name(name)
-        array = np.asarray(values)
-        if not array.ndim or array.dtype.name not in DTYPES:
-            raise UsageError(
-                f"{name} of shape {array.shape} {array.dtype} cannot be stored", where=self.path
-            )
+        array = self._storable(name, values)
         given = {"parameters": parameters or {}, "inputs": inputs or [], **fields}
         try:
             item = DerivedItem.model_validate(
@@ -331,22 +369,9 @@ class EpisodeWriter:
             return
         root = self._partial / "derived"
         for key, (values, _) in self._derived.items():
-            writer = ArrayWriter(
-                root / key,
-                values.dtype,
-                values.shape[1:],
-                chunk_rows=8192,
-                zstd=True,
-                dimension_names=(
-                    "time" if key.endswith("/activity") else "index",
-                    *(f"axis_{i}" for i in range(values.ndim - 1)),
-                ),
-            )
-            try:
-                writer.append(values)
-                writer.finish()
-            finally:
-                writer.abort()
+            first = "time" if key.endswith("/activity") else "index"
+            others = (f"axis_{i}" for i in range(values.ndim - 1))
+            _write_array(root / key, values, (first, *others))
         for stream in {key.partition("/")[0] for key in self._derived}:
             (root / stream / "zarr.json").write_bytes(group_document())
         self.derived.items = {key: item for key, (_, item) in self._derived.items()}
@@ -361,3 +386,14 @@ class EpisodeWriter:
         shutil.rmtree(self._partial, ignore_errors=True)
         self._done = True
         self._release()
+
+
+def _write_array(path: Path, values: np.ndarray, names: tuple[str, ...]) -> None:
+    writer = ArrayWriter(
+        path, values.dtype, values.shape[1:], chunk_rows=8192, zstd=True, dimension_names=names
+    )
+    try:
+        writer.append(values)
+        writer.finish()
+    finally:
+        writer.abort()

@@ -79,12 +79,12 @@ def write_videos(
 def write(folder: Path, target: Path) -> None:
     """Write an episode as a description says."""
     document = json.loads((folder / "description.json").read_bytes())
-    if document["arrays"]:
-        raise NotSupportedError(f"arrays beside the streams: {', '.join(document['arrays'])}")
     metadata = EpisodeMetadata.model_validate_json(json.dumps(document["episode"]))
     with EpisodeWriter(target, metadata, durable=False) as writer:
         for stream in document["streams"]:
             write_stream(writer, folder, stream)
+        for path, array in document["arrays"].items():
+            writer.add_calibration_array(path.removeprefix("calibration/"), load(folder, array))
         for derived in document["derived"]:
             values = load(folder, derived["array"])
             writer.add_derived(derived["stream"], derived["name"], values, **derived["fields"])

@@ -9,7 +9,7 @@ from corpus.case import Case, as_zip, case, packed
 from corpus.datasets import dataset, split_by_part
 from corpus.draft import Draft
 
-__all__ = ["valid_cases"]
+__all__ = ["bimanual", "valid_cases"]
 
 
 def bimanual() -> Draft:
