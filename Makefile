@@ -10,7 +10,7 @@ STAMP := $(VENV)/.exumi-setup
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint types wheel-check check format public-api hooks clean
+.PHONY: help setup demo test lint types wheel-check conformance readers check format public-api hooks clean
 
 help:  ## what can be made
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -40,7 +40,16 @@ types: setup  ## mypy, strict
 wheel-check: setup  ## sdist, wheel from it, fresh environment, import everything
 	$(BIN)/python scripts/check_wheel.py
 
-check: test lint types wheel-check  ## all of the above: what has to pass before a change goes in
+conformance: setup  ## our validator and writer, judged by the harnesses of the standard
+	$(BIN)/python spec/conformance/run_validator.py --jobs 2 -- $(BIN)/exumi validate --format json
+	$(BIN)/python spec/conformance/run_writer.py --jobs 2 \
+	  --validator "$(BIN)/exumi validate --format json" \
+	  -- $(BIN)/python spec/conformance/adapters/exumi_writer.py
+
+readers: setup  ## the second reader (needs Node.js), compared with ours
+	$(BIN)/python spec/readers/check_typescript.py
+
+check: test lint types wheel-check conformance readers  ## all of the above: what has to pass before a change goes in
 
 format: setup  ## put the code in order
 	$(BIN)/ruff check --fix .

@@ -209,6 +209,23 @@ def rules_page() -> str:
     return head + table(("rule", "severity", "level", "title", "since"), rows)
 
 
+def rules_table() -> str:
+    """Return ``rules.json``: the rule table for programs of others."""
+    rows = {
+        rule.id: {
+            "severity": rule.severity,
+            "level": rule.level,
+            "title": rule.title,
+            "text": rule.anchor,
+            "since": rule.since,
+            "limits": dict(rule.limits),
+        }
+        for rule in standard.rules().values()
+    }
+    document = {"format_version": FORMAT_VERSION, "rules": rows}
+    return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+
+
 def outputs() -> dict[Path, str]:
     """Return every rendered file but the corpus."""
     found = {
@@ -217,6 +234,7 @@ def outputs() -> dict[Path, str]:
         if path.name != "rules.md"
     }
     found[TEXT / "rules.md"] = rules_page()
+    found[TEXT / "rules.json"] = rules_table()
     for name in DOCUMENTS:
         text = json.dumps(json_schema(name), indent=1, ensure_ascii=False) + "\n"
         found[SCHEMAS / f"{name}.schema.json"] = text

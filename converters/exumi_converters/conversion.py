@@ -145,7 +145,7 @@ def _write_splits(run: Run[EpisodeSource], discovery: Discovery) -> None:
         for split, name in item.splits.items():
             if item.key in run.ids:
                 lists.setdefault(split, {}).setdefault(name, []).append(run.ids[item.key])
-    write_splits(run.root, discovery.splits, lists)
+    write_splits(run.root, [split.document() for split in discovery.splits], lists)
 
 
 def _convert_one(item: EpisodeSource, *, root: Path, from_format: str, durable: bool) -> Done:

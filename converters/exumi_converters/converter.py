@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from exumi_converters.report import Failure
-from exumi_data.model import UNKNOWN_LICENCE, Annotations, QualityNote, Task
+from exumi_data.model import UNKNOWN_LICENCE, Annotations, QualityNote, SplitDocument, Task
 from exumi_data.store.episode_writer import EpisodeWriter
 
 __all__ = [
@@ -128,6 +128,12 @@ class NamedSplit:
     level: Literal["episode", "object", "part"]
     method: str | None = None
     seed: int | None = None
+
+    def document(self) -> SplitDocument:
+        """Return its document, still without episodes."""
+        given = {"method": self.method, "seed": self.seed}
+        stated: dict[str, Any] = {k: value for k, value in given.items() if value is not None}
+        return SplitDocument(name=self.name, level=self.level, lists={}, **stated)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from exumi_converters.converter import NamedSplit
 from exumi_converters.documents import to_json
 from exumi_data.catalog import (
     CATALOG_NAME,
@@ -136,28 +135,25 @@ def _unchanged(root: Path, path: str, row: dict[str, Any] | None) -> dict[str, A
 
 
 def write_splits(
-    root: Path, splits: Sequence[NamedSplit], lists: Mapping[str, Mapping[str, Sequence[str]]]
+    root: Path, splits: Sequence[SplitDocument], lists: Mapping[str, Mapping[str, Sequence[str]]]
 ) -> None:
     """Write splits that the source publishes, and name them in ``dataset.json``.
 
     Parameters
     ----------
     root : pathlib.Path
-    splits : sequence of NamedSplit
+    splits : sequence of SplitDocument
+        What is said of them; their lists play no part.
     lists : mapping
         Split to list to ids of episodes. Episodes of the dataset that are of another source stay
         where an existing split has them.
     """
     for split in splits:
-        values: dict[str, Any] = {"name": split.name, "level": split.level}
-        values |= {
-            key: value
-            for key, value in (("method", split.method), ("seed", split.seed))
-            if value is not None
-        }
-        merged = _merged(root, split, lists.get(split.name, {}))
-        document = SplitDocument(**values, lists=merged)
-        _write_if_changed(root / "splits" / f"{split.name}.json", to_json(dump(document)))
+        path = root / "splits" / f"{split.name}.json"
+        existing = parse_split(path.read_bytes(), path) if path.is_file() else None
+        document = _updated(existing, split)
+        document.lists = _merged(root, existing, lists.get(split.name, {}))
+        _write_if_changed(path, to_json(dump(document)))
     path = root / DATASET_DOCUMENT
     metadata = parse_dataset(path.read_bytes(), path)
     names = sorted({*metadata.splits, *(split.name for split in splits)})
@@ -166,14 +162,26 @@ def write_splits(
         _write_if_changed(path, to_json(dump(metadata)))
 
 
+def _updated(existing: SplitDocument | None, split: SplitDocument) -> SplitDocument:
+    """Return a split's document with the keys of both that we do not know."""
+    if existing is None:
+        return split.model_copy(deep=True)
+    base, other = (split, existing) if split.is_newer_minor else (existing, split)
+    document = base.model_copy(deep=True)
+    for field in {"level", "method", "seed"} & split.model_fields_set:
+        setattr(document, field, getattr(split, field))
+    for key, value in (other.model_extra or {}).items():
+        if key not in (document.model_extra or {}):
+            setattr(document, key, value)
+    return document
+
+
 def _merged(
-    root: Path, split: NamedSplit, lists: Mapping[str, Sequence[str]]
+    root: Path, existing: SplitDocument | None, lists: Mapping[str, Sequence[str]]
 ) -> dict[str, list[str]]:
     merged = {name: set(ids) for name, ids in lists.items()}
     placed = {episode_id for ids in lists.values() for episode_id in ids}
     present = {Path(path).name.partition(".")[0] for path in list_episodes(root)}
-    path = root / "splits" / f"{split.name}.json"
-    if path.is_file():
-        for name, ids in parse_split(path.read_bytes(), path).lists.items():
-            merged.setdefault(name, set()).update((set(ids) - placed) & present)
+    for name, ids in (existing.lists if existing else {}).items():
+        merged.setdefault(name, set()).update((set(ids) - placed) & present)
     return {name: sorted(ids) for name, ids in sorted(merged.items())}

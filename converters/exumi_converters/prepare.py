@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 from exumi_converters.conversion import TOOL
-from exumi_converters.converter import NamedSplit
 from exumi_converters.destination import write_splits
 from exumi_converters.identity import episode_id, settings_digest
 from exumi_converters.prepared_episode import PrepareSettings, write_prepared
@@ -208,12 +207,10 @@ def _dataset_metadata(
         return DatasetMetadata(name=name, licence=licence, made_by=made_by)
     document = source / DATASET_DOCUMENT
     parent = parse_dataset(document.read_bytes(), document)
-    carried = {
-        key: getattr(parent, key)
-        for key in ("description", "authors", "citation")
-        if key in parent.model_fields_set
-    }
-    return DatasetMetadata(name=name, licence=parent.licence, made_by=made_by, **carried)
+    # A copy: what describes the data stays, and so do keys that we do not know.
+    metadata = parent.model_copy(deep=True)
+    metadata.name, metadata.made_by, metadata.splits = name, made_by, []
+    return metadata
 
 
 def _read_splits(source: Path) -> list[SplitDocument]:
@@ -234,8 +231,7 @@ def _write_splits(run: Run[_Parent], splits: Sequence[SplitDocument]) -> None:
         }
         for split in splits
     }
-    named = [NamedSplit(split.name, split.level, split.method, split.seed) for split in splits]
-    write_splits(run.root, named, lists)
+    write_splits(run.root, splits, lists)
 
 
 def _prepare_one(item: _Parent, *, root: Path, settings: PrepareSettings) -> Done:

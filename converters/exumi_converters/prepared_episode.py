@@ -8,7 +8,9 @@ import numpy as np
 
 from exumi_converters.frame_files import add_lossy
 from exumi_converters.resize import interpolation, resize
+from exumi_data import standard
 from exumi_data.episode import Episode, StreamView
+from exumi_data.errors import UnsupportedError
 from exumi_data.model import (
     ArrayImages,
     EncodedImages,
@@ -71,6 +73,8 @@ def write_prepared(parent: Episode, writer: EpisodeWriter, settings: PrepareSett
     ------
     DamagedDataError
         A frame of the parent cannot be read.
+    UnsupportedError
+        A stream whose frames are written anew has an array of a newer version.
     """
     frames = 0
     for name, view in parent.streams.items():
@@ -109,13 +113,14 @@ def _is_ready(view: StreamView, settings: PrepareSettings) -> bool:
 
 
 def _write_frames(view: StreamView, writer: EpisodeWriter, settings: PrepareSettings) -> None:
+    _refuse_unknown_arrays(view)
     source, channels = _images(view), _channels(view, settings)
     drop_colour = channels < source.channels
     stream = writer.add_stream(
         view.name,
         kind=view.kind,
         clock=view.metadata.clock,
-        images=_target(settings, channels),
+        images=_target(source, settings, channels),
         **_carried_fields(view, settings),
     )
     _set_reference(view, stream, settings, grey=drop_colour)
@@ -137,13 +142,30 @@ def _batches(count: int) -> Iterator[slice]:
         yield slice(start, min(start + _BATCH, count))
 
 
-def _target(settings: PrepareSettings, channels: Literal[1, 3]) -> ArrayImages | EncodedImages:
-    size = settings.size
+def _refuse_unknown_arrays(view: StreamView) -> None:
+    """Refuse arrays of a newer version: nobody knows whether they fit to resized frames."""
+    known = {"time", "reference", *_BESIDE_TIME}
+    known |= standard.encodings()[_images(view).encoding].arrays.keys()
+    unknown = sorted(set(view.metadata.arrays) - known)
+    if unknown:
+        raise UnsupportedError(
+            f"stream {view.name!r} has arrays that this library does not know: "
+            f"{', '.join(unknown)}",
+            fix='Upgrade with: pip install -U "exumi-data"',
+        )
+
+
+def _target(
+    source: Images, settings: PrepareSettings, channels: Literal[1, 3]
+) -> ArrayImages | EncodedImages:
+    size = {"height": settings.size, "width": settings.size, "channels": channels}
+    # Keys that we do not know are carried along.
+    fields = {**size, **(source.model_extra or {})}
+    context = {"newer_minor": source.is_newer_minor}
     if settings.quality is None:
-        return ArrayImages(encoding="array", height=size, width=size, channels=channels)
-    return EncodedImages(
-        encoding="encoded", media_type="image/jpeg", height=size, width=size, channels=channels
-    )
+        return ArrayImages.model_validate({**fields, "encoding": "array"}, context=context)
+    of_files = {"encoding": "encoded", "media_type": "image/jpeg"}
+    return EncodedImages.model_validate({**fields, **of_files}, context=context)
 
 
 def _carried_fields(view: StreamView, settings: PrepareSettings) -> dict[str, Any]:
@@ -173,14 +195,9 @@ def _set_reference(
         return
     if grey:
         image = to_grey(image)[..., None]
-    about = model.reference
-    stream.set_reference(
-        resize(image, settings.size),
-        method=about.method,
-        frames=about.frames,
-        contact_free=about.contact_free,
-        algorithm=about.algorithm,
-    )
+    stream.set_reference(resize(image, settings.size), method=model.reference.method)
+    if isinstance(stream.model, TactileStream):
+        stream.model.reference = model.reference.model_copy(deep=True)
 
 
 def _note_losses(
@@ -224,7 +241,10 @@ def _note_losses(
 
 def _carry_derived(parent: Episode, writer: EpisodeWriter) -> None:
     """Carry derived arrays along: they say something of the frames as they were."""
-    for key, item in (parent.derived.items if parent.derived else {}).items():
+    if parent.derived is None:
+        return
+    writer.derived = parent.derived.model_copy(deep=True)
+    for key, item in parent.derived.items.items():
         values = parent.derived_array(key)
         if values is None:
             continue
@@ -236,4 +256,5 @@ def _carry_derived(parent: Episode, writer: EpisodeWriter) -> None:
             algorithm=item.algorithm,
             parameters=item.parameters,
             inputs=[f"{parent.id}/{path}" for path in item.inputs],
+            **(item.model_extra or {}),
         )

@@ -89,6 +89,11 @@ class Model(BaseModel):
 
     _newer_minor: bool = PrivateAttr(default=False)
 
+    @property
+    def is_newer_minor(self) -> bool:
+        """Whether it was read from a document of a newer minor version, with any unknown keys."""
+        return self._newer_minor
+
     @model_validator(mode="after")
     def _unknown_keys(self, info: ValidationInfo) -> "Model":
         if (info.context or {}).get("newer_minor"):

@@ -26,6 +26,8 @@ class DatasetMetadata(Model):
 
     format: Literal["exumi-dataset"] = "exumi-dataset"
     version: Version = FORMAT_VERSION
+    requires: list[Identifier] = []
+    """Features without which it would be misread: a reader refuses unknown ones."""
     name: Identifier
     description: str | None = None
     licence: Identifier
@@ -41,6 +43,8 @@ class SplitDocument(Model):
 
     format: Literal["exumi-split"] = "exumi-split"
     version: Version = FORMAT_VERSION
+    requires: list[Identifier] = []
+    """Features without which it would be misread: a reader refuses unknown ones."""
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
     level: Literal["episode", "object", "part"]
     """What is kept together: all episodes of an object or part fall into the same list."""

@@ -85,7 +85,7 @@ def _finite_float(text: str) -> float:
 
 
 def check_version(document: dict[str, Any], expected_format: str, where: object) -> bool:
-    """Check ``format`` and ``version``.
+    """Check ``format``, ``version`` and ``requires``.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def check_version(document: dict[str, Any], expected_format: str, where: object)
     MetadataError
         Another format, or no readable version.
     UnsupportedError
-        A newer major version.
+        A newer major version, or an unknown entry of ``requires``.
     """
     if document.get("format") != expected_format:
         raise MetadataError(
@@ -122,6 +122,7 @@ def check_version(document: dict[str, Any], expected_format: str, where: object)
         )
     if major < known_major:
         raise UnsupportedError(f"{expected_format} version {version} does not exist", where=where)
+    check_requires(document, where)
     return minor > known_minor
 
 
@@ -230,7 +231,6 @@ def parse_episode(raw: bytes, where: object) -> EpisodeMetadata:
             fix="Convert other data with: exumi convert SRC DST",
         )
     newer = check_version(document, EPISODE_FORMAT, where)
-    check_requires(document, where)
     return _validate(EpisodeMetadata, document, newer=newer, where=where)
 
 

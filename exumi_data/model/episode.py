@@ -92,5 +92,7 @@ class DerivedMetadata(Model):
 
     format: Literal["exumi-derived"] = "exumi-derived"
     version: Version = FORMAT_VERSION
+    requires: list[Identifier] = []
+    """Features without which it would be misread: a reader refuses unknown ones."""
     items: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*/[a-z][a-z0-9_]*$")], DerivedItem]
     """Keyed ``<stream>/<name>``."""

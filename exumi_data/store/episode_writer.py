@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import weakref
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -65,6 +66,11 @@ class EpisodeWriter:
         for all that is pending on the file system at once: much faster where many episodes are
         written, but not while something else is being recorded there.
 
+    Attributes
+    ----------
+    derived : DerivedMetadata
+        What is said of the derived arrays; `add_derived` fills its items.
+
     Raises
     ------
     EpisodeExistsError
@@ -96,6 +102,7 @@ class EpisodeWriter:
                 "already exists", where=self.path, fix="Choose another name, or overwrite it."
             )
         self.metadata = metadata.model_copy(deep=True)
+        self.derived = DerivedMetadata(items={})
         self._overwrite = overwrite
         self._durable = durable
         self._streams: dict[str, StreamWriter | CopiedStream] = {}
@@ -150,7 +157,8 @@ class EpisodeWriter:
             raise UsageError(f"stream {name!r} is there already", where=self.path)
         try:
             model = _STREAM.validate_python(
-                {"kind": kind, "clock": clock or _UNKNOWN_CLOCK, "arrays": [], **fields}
+                {"kind": kind, "clock": clock or _UNKNOWN_CLOCK, "arrays": [], **fields},
+                context={"newer_minor": self.metadata.is_newer_minor},
             )
         except ValidationError as error:
             found = problems_of(error, below=("streams", name))
@@ -197,6 +205,47 @@ class EpisodeWriter:
         self._check_open()
         copy_files(episode.store, name, self._partial / name)
 
+    def add_calibration_array(
+        self, name: str, values: np.ndarray, *, dimension_names: Sequence[str] | None = None
+    ) -> None:
+        """Store an array of calibration values, too big for JSON.
+
+        Parameters
+        ----------
+        name : str
+            It is stored as ``calibration/<name>``; an item of ``metadata.calibration`` has this as
+            its `array`.
+        values : ndarray
+            Of at least one axis.
+        dimension_names : sequence of str, optional
+            Names of the axes.
+
+        Raises
+        ------
+        UsageError
+            The name is none or taken, or the array cannot be stored.
+        """
+        self._check_open()
+        self._check_name(name)
+        array = self._storable(name, values)
+        names = dimension_names or [f"axis_{i}" for i in range(array.ndim)]
+        root = self._partial / "calibration"
+        if (root / name).exists() or len(names) != array.ndim:
+            raise UsageError(
+                f"calibration/{name} is there already, or its axes are not {len(names)}",
+                where=self.path,
+            )
+        _write_array(root / name, array, tuple(names))
+        (root / "zarr.json").write_bytes(group_document())
+
+    def _storable(self, name: str, values: np.ndarray) -> np.ndarray:
+        array = np.asarray(values)
+        if not array.ndim or array.dtype.name not in DTYPES:
+            raise UsageError(
+                f"{name} of shape {array.shape} {array.dtype} cannot be stored", where=self.path
+            )
+        return array
+
     def _check_open(self) -> None:
         if self._done:
             raise UsageError("the episode is finished or was given up", where=self.path)
@@ -235,6 +284,7 @@ class EpisodeWriter:
         algorithm: str,
         parameters: dict[str, Any] | None = None,
         inputs: list[str] | None = None,
+        **fields: Any,
     ) -> None:
         """Store an array that was computed from a stream.
 
@@ -248,21 +298,30 @@ class EpisodeWriter:
             Id and version, such as ``exumi-activity/1``.
         parameters, inputs
             What it takes to compute it again.
+        **fields
+            Keys of third parties.
 
         Raises
         ------
+        MetadataError
+            A field is wrong.
         UsageError
             A name is none, or the array cannot be stored.
         """
         self._check_open()
         self._check_name(stream)
         self._check_name(name)
-        array = np.asarray(values)
-        if not array.ndim or array.dtype.name not in DTYPES:
-            raise UsageError(
-                f"{name} of shape {array.shape} {array.dtype} cannot be stored", where=self.path
+        array = self._storable(name, values)
+        given = {"parameters": parameters or {}, "inputs": inputs or [], **fields}
+        try:
+            item = DerivedItem.model_validate(
+                {"algorithm": algorithm, **given},
+                context={"newer_minor": self.derived.is_newer_minor},
             )
-        item = DerivedItem(algorithm=algorithm, parameters=parameters or {}, inputs=inputs or [])
+        except ValidationError as error:
+            found = problems_of(error, below=("items", f"{stream}/{name}"))
+            problems = tuple(f"{message} @ {path}" for message, path in found)
+            raise MetadataError("; ".join(problems), where=self.path, problems=problems) from None
         self._derived[f"{stream}/{name}"] = (array, item)
 
     def finish(self) -> Path:
@@ -310,26 +369,13 @@ class EpisodeWriter:
             return
         root = self._partial / "derived"
         for key, (values, _) in self._derived.items():
-            writer = ArrayWriter(
-                root / key,
-                values.dtype,
-                values.shape[1:],
-                chunk_rows=8192,
-                zstd=True,
-                dimension_names=(
-                    "time" if key.endswith("/activity") else "index",
-                    *(f"axis_{i}" for i in range(values.ndim - 1)),
-                ),
-            )
-            try:
-                writer.append(values)
-                writer.finish()
-            finally:
-                writer.abort()
+            first = "time" if key.endswith("/activity") else "index"
+            others = (f"axis_{i}" for i in range(values.ndim - 1))
+            _write_array(root / key, values, (first, *others))
         for stream in {key.partition("/")[0] for key in self._derived}:
             (root / stream / "zarr.json").write_bytes(group_document())
-        items = {key: item for key, (_, item) in self._derived.items()}
-        (root / "zarr.json").write_bytes(derived_group_document(DerivedMetadata(items=items)))
+        self.derived.items = {key: item for key, (_, item) in self._derived.items()}
+        (root / "zarr.json").write_bytes(derived_group_document(self.derived))
 
     def abort(self) -> None:
         """Remove what was written. The final name never appears."""
@@ -340,3 +386,14 @@ class EpisodeWriter:
         shutil.rmtree(self._partial, ignore_errors=True)
         self._done = True
         self._release()
+
+
+def _write_array(path: Path, values: np.ndarray, names: tuple[str, ...]) -> None:
+    writer = ArrayWriter(
+        path, values.dtype, values.shape[1:], chunk_rows=8192, zstd=True, dimension_names=names
+    )
+    try:
+        writer.append(values)
+        writer.finish()
+    finally:
+        writer.abort()

@@ -186,6 +186,7 @@ class StreamWriter:
         frames: Sequence[int] | None = None,
         contact_free: bool | None = None,
         algorithm: str | None = None,
+        **fields: Any,
     ) -> None:
         """Store the no-contact image of a tactile stream.
 
@@ -198,6 +199,8 @@ class StreamWriter:
         contact_free : bool, optional
             False when every frame seems to be in contact.
         algorithm : str, optional
+        **fields
+            Keys of third parties.
 
         Raises
         ------
@@ -215,14 +218,16 @@ class StreamWriter:
                 where=self.name,
             )
         self._put_whole("reference", image, ("y", "x", "c"))
-        values: dict[str, Any] = {"method": method}
+        values: dict[str, Any] = {"method": method, **fields}
         if frames is not None:
             values["frames"] = [int(frame) for frame in frames]
         if contact_free is not None:
             values["contact_free"] = contact_free
         if algorithm is not None:
             values["algorithm"] = algorithm
-        self.model.reference = Reference(**values)
+        self.model.reference = Reference.model_validate(
+            values, context={"newer_minor": self.model.is_newer_minor}
+        )
 
     def _put_whole(self, name: str, values: np.ndarray, names: tuple[str, ...]) -> None:
         """Write an array that the stream has once."""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from corpus.all_cases import invalid, valid
 from corpus.case import Case
+from corpus.descriptions import describable, description
 
 HERE = Path(__file__).resolve().parent
 VERSION = "1.0"
@@ -34,6 +35,10 @@ def corpus() -> dict[str, bytes]:
         for case in cases:
             files = {"expected.json": expected(case), **case.output()}
             found |= {f"{side}/{case.name}/{path}": data for path, data in files.items()}
+    for case in valid():
+        if describable(case):
+            files = description(case)
+            found |= {f"writing/{case.name}/{path}": data for path, data in files.items()}
     return found
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Make the few files of ``sources`` that an encoder has to make: images, a video, a catalog.
+"""Make the few files of ``sources`` that an encoder has to make: images, a video, catalogs.
 
 They are committed, because other versions of the encoders give other bytes. Run this only to
 change what they show; afterwards run ``generate.py``.
@@ -34,6 +34,11 @@ def jpeg(image: np.ndarray) -> bytes:
     return bytes(simplejpeg.encode_jpeg(image, 60, "RGB", "420"))
 
 
+def grey_jpeg(image: np.ndarray) -> bytes:
+    """Return a grey JPEG of an image's green channel."""
+    return bytes(simplejpeg.encode_jpeg(image[..., 1:2].copy(), 60, "GRAY", "Gray"))
+
+
 def video() -> bytes:
     """Return an MPEG-4 file of 8 frames at 10 frames/s, with a keyframe every 4 frames."""
     buffer = io.BytesIO()
@@ -51,15 +56,13 @@ def video() -> bytes:
     return buffer.getvalue()
 
 
-def catalog() -> bytes:
-    """Return the catalog of the corpus's dataset, as the library writes it."""
-    from corpus.datasets import episodes
-
+def catalog(files: dict[str, bytes]) -> bytes:
+    """Return the catalog of a dataset of these episodes, as the library writes it."""
     from exumi_data.catalog import build_catalog, write_catalog
 
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        for path, data in episodes().items():
+        for path, data in files.items():
             (root / path).parent.mkdir(parents=True, exist_ok=True)
             (root / path).write_bytes(data)
         table, failed = build_catalog(root, workers=1)
@@ -70,12 +73,17 @@ def catalog() -> bytes:
 
 def main() -> int:
     """Write the sources."""
+    from corpus.datasets import episodes, packed_episodes
+
     SOURCES.mkdir(exist_ok=True)
     for index in range(FRAMES):
         (SOURCES / f"frame_{index}.jpg").write_bytes(jpeg(picture(index, SIDE)))
     (SOURCES / "frame_large.jpg").write_bytes(jpeg(picture(9, 2 * SIDE)))
     (SOURCES / "clip.mp4").write_bytes(video())
-    (SOURCES / "catalog.parquet").write_bytes(catalog())
+    (SOURCES / "frame_grey.jpg").write_bytes(grey_jpeg(picture(0, SIDE)))
+    (SOURCES / "catalog.parquet").write_bytes(catalog(episodes()))
+    (SOURCES / "catalog_packed.parquet").write_bytes(catalog(packed_episodes()))
+    (SOURCES / "catalog_empty.parquet").write_bytes(catalog({}))
     return 0
 
 

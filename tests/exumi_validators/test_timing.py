@@ -1,6 +1,7 @@
 """Rates, gaps, jitter, bursts, counters, overlap, steps, drift: what alarms, what must not."""
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +140,7 @@ def test_lost_samples_that_are_declared_never_alarm(rate: float, loss: float, se
 )
 def test_events_never_alarm(kind: str, count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    intervals = {
+    kinds: dict[str, Callable[[], np.ndarray]] = {
         "poisson": lambda: rng.exponential(1, count),
         "lognormal": lambda: rng.lognormal(0, 1.5, count),
         "clusters": lambda: (
@@ -150,7 +151,8 @@ def test_events_never_alarm(kind: str, count: int, seed: int) -> None:
         "taps": lambda: rng.uniform(0.5, 1.5, count),
         "pairs": lambda: np.where(np.arange(count) % 2, 0.01, rng.exponential(1, count)),
         "triples": lambda: np.where(np.arange(count) % 3, 0.01, rng.exponential(1, count)),
-    }[kind]()
+    }
+    intervals = kinds[kind]()
     time = np.cumsum(np.rint(intervals * 1e8).astype(np.int64) + 1)
     assert found(judge(time)) == []
 

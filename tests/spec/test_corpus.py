@@ -49,7 +49,7 @@ def test_every_rule_has_a_case_of_its_name() -> None:
 
 def test_the_corpus_is_small() -> None:
     files = [path for path in CORPUS.rglob("*") if path.is_file()]
-    assert sum(path.stat().st_size for path in files) < 2_000_000
+    assert sum(path.stat().st_size for path in files) < 5_000_000
 
 
 @pytest.mark.parametrize("case", VALID, ids=name)
@@ -68,7 +68,7 @@ def test_invalid_cases_expect_known_rules(case: Path) -> None:
 def test_our_reader_reads_all_of_a_valid_case(case: Path) -> None:
     opened = exumi_data.open(case / expected(case)["store"])
     episodes = list(opened) if isinstance(opened, exumi_data.Dataset) else [opened]
-    assert episodes
+    assert bool(episodes) == (case.name != "dataset__empty")
     for episode in episodes:
         episode.check_complete()
         for stream in episode.streams.values():

@@ -42,7 +42,7 @@ from exumi_validators.nodes import ArrayNode, array_problems, parse_array_node
 from exumi_validators.report import Problem
 from exumi_validators.shards import judge_shards
 
-__all__ = ["CALIBRATION_PATH", "EXUMI", "ROOT", "EpisodeContext", "newer_minor"]
+__all__ = ["CALIBRATION_PATH", "EXUMI", "ROOT", "EpisodeContext", "newer_minor", "understood"]
 
 ROOT = "zarr.json"
 EXUMI = ("attributes", "exumi")
@@ -88,6 +88,18 @@ def newer_minor(version: object) -> bool | None:
     major, minor = (int(part) for part in parts)
     known_major, known_minor = (int(part) for part in FORMAT_VERSION.split("."))
     return minor > known_minor if major == known_major else None
+
+
+def understood(document: dict[str, Any]) -> bool:
+    """Whether a document is of a version, and needs only features, that are known.
+
+    Parameters
+    ----------
+    document : dict
+    """
+    requires = document.get("requires", [])
+    features = {str(f) for f in requires} if isinstance(requires, list) else set()
+    return newer_minor(document.get("version")) is not None and features <= KNOWN_FEATURES
 
 
 class EpisodeContext:
@@ -174,9 +186,7 @@ class EpisodeContext:
         document = self.document
         if document is None or document.get("format") != EPISODE_FORMAT:
             return False
-        requires = document.get("requires", [])
-        features = {str(f) for f in requires} if isinstance(requires, list) else set()
-        return newer_minor(document.get("version")) is not None and features <= KNOWN_FEATURES
+        return understood(document)
 
     @cached_property
     def newer(self) -> bool:
@@ -263,8 +273,9 @@ class EpisodeContext:
     @cached_property
     def derived(self) -> dict[str, DerivedItem]:
         """The derived arrays whose description is valid, by ``<stream>/<name>``."""
-        items = (self.derived_document or {}).get("items", {})
-        if not isinstance(items, dict):
+        document = self.derived_document or {}
+        items = document.get("items", {})
+        if not isinstance(items, dict) or not understood(document):
             return {}
         parsed = {key: parse_leniently(_DERIVED_ITEM, value) for key, value in items.items()}
         return {key: i for key, i in parsed.items() if i and _DERIVED_KEY.fullmatch(key)}

@@ -13,7 +13,7 @@ from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.model.base import Model
 from exumi_data.model.dataset import DATASET_FORMAT, DatasetMetadata, SplitDocument
 from exumi_data.standard import Rule, rules
-from exumi_validators.context import newer_minor
+from exumi_validators.context import understood
 from exumi_validators.episode_run import EpisodeFacts
 from exumi_validators.json_documents import LoadedDocument, load_document
 from exumi_validators.model_problems import parse_leniently
@@ -85,13 +85,13 @@ class DatasetContext:
 
     @cached_property
     def judgeable(self) -> bool:
-        """Whether the dataset is of a version that is known, as far as it says."""
+        """Whether the dataset is of a version and features that are known, as far as it says."""
         document = self.document
         if document is None or document.get("format") != DATASET_FORMAT:
             return True
         version = document.get("version")
         major = version.partition(".")[0] if isinstance(version, str) else ""
-        return newer_minor(version) is not None or not major.isdigit()
+        return understood(document) or not major.isdigit()
 
     @cached_property
     def metadata(self) -> DatasetMetadata | None:
@@ -100,7 +100,7 @@ class DatasetContext:
 
     @staticmethod
     def _parse(model: type[M], document: dict[str, Any] | None) -> M | None:
-        if document is None or newer_minor(document.get("version")) is None:
+        if document is None or not understood(document):
             return None
         parsed: M | None = parse_leniently(TypeAdapter(model), document)
         return parsed

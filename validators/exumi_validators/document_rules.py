@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from exumi_data.model.documents import KNOWN_FEATURES
 from exumi_data.model.episode import FORMAT_VERSION
 from exumi_validators.context import newer_minor
 from exumi_validators.findings import problem
@@ -25,7 +26,7 @@ __all__ = [
     "model_rule_problems",
 ]
 
-DOCUMENT_RULES = ("DOC-001", "DOC-002", "DOC-003", "DOC-004", "DOC-005")
+DOCUMENT_RULES = ("DOC-001", "DOC-002", "DOC-003", "DOC-004", "DOC-005", "ROOT-003")
 MODEL_RULES = ("META-001", "META-002", "META-003", "META-004")
 
 Pointer = tuple[int | str, ...]
@@ -45,7 +46,7 @@ _DAY = re.compile(r"(\d{4})-(\d{2})-(\d{2})T")
 def document_problems(
     loaded: LoadedDocument, document: dict[str, Any] | None, name: str, base: Pointer
 ) -> Iterator[Problem]:
-    """Judge that a document can be read, and is of a format and version that is known.
+    """Judge that a document can be read, and is of a format, version and features that are known.
 
     Parameters
     ----------
@@ -82,6 +83,10 @@ def document_problems(
         yield problem("DOC-004", path, pointer=at, expected=FORMAT_VERSION, found=version)
     elif newer_minor(version) is None:
         yield problem("DOC-005", path, pointer=at, expected=f"{major}.x", found=version)
+    features = document.get("requires")
+    for index, feature in enumerate(features if isinstance(features, list) else []):
+        if str(feature) not in KNOWN_FEATURES:
+            yield problem("ROOT-003", path, pointer=(*base, "requires", index), found=feature)
 
 
 def model_rule_problems(

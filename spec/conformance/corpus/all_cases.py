@@ -15,13 +15,14 @@ from corpus.quality_sync import sync_cases
 from corpus.quality_timing import timing_cases
 from corpus.quality_touch import touch_cases
 from corpus.valid import valid_cases
+from corpus.valid_combinations import combined_cases
 
 __all__ = ["invalid", "valid"]
 
 
 def valid() -> list[Case]:
     """Return the cases in which nothing is to be found."""
-    return _checked(list(valid_cases()), findings=False)
+    return _checked([*valid_cases(), *combined_cases()], findings=False)
 
 
 def invalid() -> list[Case]:

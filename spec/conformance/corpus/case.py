@@ -49,6 +49,8 @@ class Case:
     files : dict
         Path below `store` to bytes; of a zip, its bytes under the path "".
     findings : tuple of Finding
+    draft : Draft or None
+        What the files were made from, where it is known.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Case:
     store: str
     files: dict[str, bytes]
     findings: tuple[Finding, ...] = field(default=())
+    draft: Draft | None = None
 
     def output(self) -> dict[str, bytes]:
         """Return the files of the case's folder, without ``expected.json``."""
@@ -64,8 +67,9 @@ class Case:
 
 def case(name: str, about: str, draft: Draft | dict[str, bytes], *findings: Finding) -> Case:
     """Make a case of an episode's folder."""
-    files = draft.files() if isinstance(draft, Draft) else draft
-    return Case(name, about, "store.zarr", files, findings)
+    if isinstance(draft, Draft):
+        return Case(name, about, "store.zarr", draft.files(), findings, draft)
+    return Case(name, about, "store.zarr", draft, findings)
 
 
 def packed(name: str, about: str, archive: bytes, *findings: Finding) -> Case:

@@ -8,7 +8,17 @@ from corpus import bases
 from corpus.case import Case, Finding, as_zip
 from corpus.draft import Draft, dumps
 
-__all__ = ["EGG", "RICE", "dataset", "episode", "episodes", "place", "split_by_part", "zipped"]
+__all__ = [
+    "EGG",
+    "RICE",
+    "dataset",
+    "episode",
+    "episodes",
+    "packed_episodes",
+    "place",
+    "split_by_part",
+    "zipped",
+]
 
 EGG = "018f0000-0000-7000-8000-0000000000a1"
 RICE = "018f0000-0000-7000-8000-0000000000b2"
@@ -41,6 +51,12 @@ def episodes() -> dict[str, bytes]:
         for path, data in episode(episode_id, part).files().items():
             found[f"{place(episode_id)}/{path}"] = data
     return found
+
+
+def packed_episodes() -> dict[str, bytes]:
+    """Return the files of the two episodes, packed."""
+    parts = ((EGG, "egg"), (RICE, "rice"))
+    return {place(e, ".zarr.zip"): zipped(episode(e, part)) for e, part in parts}
 
 
 def split_by_part(**changes: Any) -> bytes:

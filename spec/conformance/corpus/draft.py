@@ -44,6 +44,8 @@ class Draft:
         Path of a group or array to its document.
     blobs : dict
         Path of any other file to its bytes.
+    values : dict
+        Path of an array to its values, as they were put.
     """
 
     def __init__(self, **metadata: Any) -> None:
@@ -65,6 +67,7 @@ class Draft:
         }
         self.nodes: dict[str, dict[str, Any]] = {}
         self.blobs: dict[str, bytes] = {}
+        self.values: dict[str, np.ndarray] = {}
         self.group("streams")
 
     def group(self, path: str, **attributes: Any) -> None:
@@ -97,6 +100,7 @@ class Draft:
         """
         for old in [name for name in self.blobs if name.startswith(f"{path}/c/")]:
             del self.blobs[old]
+        self.values[path] = values
         rows = chunk_rows or max(1, len(values))
         total = max(1, -(-len(values) // rows))
         in_shard = chunks_per_shard or total

@@ -49,12 +49,26 @@ def _head_cases() -> Iterator[Case]:
     yield dataset("META-001__dataset_name", "A dataset without a name.", at, unnamed=True)
     at = Finding("LIC-001", HEAD, "/licence")
     yield dataset("LIC-001__dataset", "A dataset of unknown licence.", at, licence="n/a")
+    at = Finding("DOC-005", HEAD, "/version")
+    yield dataset("DOC-005__newer_dataset", "A dataset of version 2.3.", at, version="2.3")
+    at = Finding("ROOT-003", HEAD, "/requires/0")
+    about = "A dataset with a feature that nobody knows."
+    yield dataset("ROOT-003__of_dataset", about, at, version="1.2", requires=["holograms"])
 
 
 def _split_cases() -> Iterator[Case]:
     at = Finding("SPLIT-001", HEAD, "/splits/0")
     about = "A split that is not there."
     yield dataset("SPLIT-001__not_there", about, at, splits=["default"])
+    newer = {SPLIT: split_by_part(version="2.0")}
+    at = Finding("DOC-005", SPLIT, "/version")
+    yield dataset(
+        "DOC-005__newer_split", "A split of version 2.0.", at, add=newer, splits=["default"]
+    )
+    needy = {SPLIT: split_by_part(requires=["holograms"])}
+    at = Finding("ROOT-003", SPLIT, "/requires/0")
+    about = "A split with a feature that nobody knows."
+    yield dataset("ROOT-003__of_split", about, at, add=needy, splits=["default"])
     good = {SPLIT: split_by_part()}
     at = Finding("SPLIT-002", SPLIT)
     yield dataset("SPLIT-002__not_listed", "A split that is not listed.", at, add=good)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from corpus import bases
-from corpus.case import EXUMI, Case, Finding, case
+from corpus.case import EXUMI, Case, Finding, as_zip, case, packed
 from corpus.draft import Draft
 
 __all__ = ["document_cases"]
@@ -57,6 +57,9 @@ def _document_cases() -> Iterator[Case]:
     newer.nodes["derived"]["attributes"]["exumi"]["version"] = "2.0"
     at = Finding("DOC-005", DERIVED, _at("version"))
     yield case("DOC-005__newer_derived", "Derived arrays of version 2.0.", newer, at)
+    archive = as_zip(bases.poses(version="3.1").files())
+    at = Finding("DOC-005", ROOT, _at("version"))
+    yield packed("DOC-005__newer_packed", "A packed episode of version 3.1.", archive, at)
 
 
 def _root_cases() -> Iterator[Case]:
@@ -74,6 +77,12 @@ def _root_cases() -> Iterator[Case]:
     draft = bases.poses(requires=["holograms"])
     at = Finding("ROOT-003", ROOT, _at("requires", "0"))
     yield case("ROOT-003__unknown_feature", "A feature that nobody knows.", draft, at)
+    archive = as_zip(bases.poses(version="1.4", requires=["holograms"]).files())
+    yield packed("ROOT-003__packed", "A packed episode with such a feature.", archive, at)
+    draft = bases.derived()
+    draft.nodes["derived"]["attributes"]["exumi"]["requires"] = ["holograms"]
+    at = Finding("ROOT-003", DERIVED, _at("requires", "0"))
+    yield case("ROOT-003__of_derived", "Derived arrays with such a feature.", draft, at)
 
 
 def _field_cases() -> Iterator[Case]:

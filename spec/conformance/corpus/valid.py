@@ -11,7 +11,7 @@ from corpus.draft import Draft
 from corpus.quality_sync import grasp, tap
 from corpus.quality_timing import counted, events
 
-__all__ = ["valid_cases"]
+__all__ = ["bimanual", "valid_cases"]
 
 
 def bimanual() -> Draft:

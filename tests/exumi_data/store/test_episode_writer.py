@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zarr
 
 from exumi_data.episode import open_episode
 from exumi_data.errors import (
@@ -20,16 +21,20 @@ from exumi_data.errors import (
     UnsupportedError,
     UsageError,
 )
-from exumi_data.model import CalibrationItem, ExtensionStream, QualityNote
+from exumi_data.model import CalibrationItem, ExtensionStream, QualityNote, TactileStream
 from exumi_data.store import files
 from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_data.store.shards import open_array
 from tests.exumi_data.builders import (
     CLOCK,
     add_images,
     add_low_dimensional,
     array_images,
+    encoded_images,
     episode_id,
+    jpegs,
     metadata,
+    pictures,
     times,
     write_episode,
     write_small,
@@ -558,3 +563,36 @@ def test_extension_streams_keep_their_fields(tmp_path: Path) -> None:
     assert episode["smell"].data.tolist() == [0, 1, 2, 3, 4]
     assert times().tolist() == episode["smell"].time.tolist()
     assert array_images().encoding == "array"
+
+
+def test_calibration_arrays_and_keys_of_third_parties_are_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.zarr"
+    values = np.arange(6, dtype=np.float32).reshape(3, 2)
+    item = CalibrationItem(value=None, unit="px", array="calibration/map")
+    with EpisodeWriter(path, metadata(calibration={"lens": item}), durable=False) as writer:
+        writer.add_calibration_array("map", values, dimension_names=("y", "x"))
+        with pytest.raises(UsageError, match="there already"):
+            writer.add_calibration_array("map", values)
+        with pytest.raises(UsageError, match="cannot be stored"):
+            writer.add_calibration_array("text", np.array(["a"]))
+        with pytest.raises(UsageError, match="is no name"):
+            writer.add_calibration_array("../out", values)
+        stream = writer.add_stream("tactile", kind="tactile", images=encoded_images())
+        stream.append(times(), jpegs())
+        more: dict[str, Any] = {"acme:lamp": 3}
+        stream.set_reference(pictures()[0], method="captured", **more)
+        activity = np.zeros(len(times()), np.float32)
+        writer.add_derived("tactile", "activity", activity, algorithm="x/1", **more)
+        with pytest.raises(MetadataError, match=r"unknown key 'lamp'.*\$\.items\.tactile/activity"):
+            writer.add_derived("tactile", "activity", activity, algorithm="x/1", lamp=3)
+    with open_episode(path) as episode:
+        np.testing.assert_array_equal(open_array(episode.store, "calibration/map").read(), values)
+        model = episode["tactile"].metadata
+        assert isinstance(model, TactileStream)
+        assert model.reference is not None
+        assert model.reference.model_extra == more
+        assert episode.derived is not None
+        assert episode.derived.items["tactile/activity"].model_extra == more
+    array = zarr.open_group(path, mode="r", zarr_format=3)["calibration/map"]
+    assert isinstance(array, zarr.Array)
+    assert array.metadata.to_dict()["dimension_names"] == ("y", "x")

@@ -5,7 +5,6 @@ Nothing else can be judged where these rules are broken.
 
 from collections.abc import Iterator
 
-from exumi_data.model.documents import KNOWN_FEATURES
 from exumi_data.model.episode import CONVENTION_UUID, EPISODE_FORMAT
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext
 from exumi_validators.document_rules import DOCUMENT_RULES, document_problems
@@ -13,7 +12,7 @@ from exumi_validators.findings import problem
 from exumi_validators.registry import check
 from exumi_validators.report import Problem
 
-__all__ = ["conventions", "documents", "requires", "root_group"]
+__all__ = ["conventions", "documents", "root_group"]
 
 _DERIVED_FORMAT = "exumi-derived"
 
@@ -52,13 +51,3 @@ def conventions(episode: EpisodeContext) -> Iterator[Problem]:
     if not any(isinstance(entry, dict) and entry.get("uuid") == CONVENTION_UUID for entry in known):
         pointer = ("attributes", "zarr_conventions")
         yield problem("ROOT-002", ROOT, pointer=pointer, expected=CONVENTION_UUID)
-
-
-@check("ROOT-003")
-def requires(episode: EpisodeContext) -> Iterator[Problem]:
-    """Judge that the episode needs no feature that is not known."""
-    document = episode.document or {}
-    features = document.get("requires")
-    for index, feature in enumerate(features if isinstance(features, list) else []):
-        if str(feature) not in KNOWN_FEATURES:
-            yield problem("ROOT-003", ROOT, pointer=(*EXUMI, "requires", index), found=feature)
