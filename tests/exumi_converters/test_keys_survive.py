@@ -13,7 +13,14 @@ from exumi_data.catalog import build_catalog, episode_path, write_catalog
 from exumi_data.cli.app import app
 from exumi_data.dataset import Dataset, create_dataset
 from exumi_data.episode import open_episode
-from exumi_data.model import Annotations, DatasetMetadata, Label, Sensor, SplitDocument
+from exumi_data.model import (
+    Annotations,
+    CalibrationItem,
+    DatasetMetadata,
+    Label,
+    Sensor,
+    SplitDocument,
+)
 from exumi_data.model.documents import dump
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.pack import pack
@@ -86,7 +93,9 @@ def kept(path: Path, places: tuple[tuple[Any, ...], ...], keys: dict[str, Any]) 
 def write_rich(path: Path) -> None:
     """An episode with everything, in which tactile has a sensor."""
     notes = Annotations(labels=[Label(property="hardness", value="soft", provenance="human")])
-    with EpisodeWriter(path, metadata(0, annotations=notes), durable=False) as writer:
+    item = CalibrationItem(value={"m_per_count": 0.015, "zero_m": 0.02}, method="made up")
+    about = metadata(0, annotations=notes, calibration={"encoder": item})
+    with EpisodeWriter(path, about, durable=False) as writer:
         add_low_dimensional(writer)
         add_images(writer)
         writer._streams["tactile"].model.sensor = Sensor(model="gelsight-mini")

@@ -30,7 +30,7 @@ def test_packed(episode: Path, codes: Codes) -> None:
 def test_without_samples(tmp_path: Path, codes: Codes) -> None:
     with EpisodeWriter(tmp_path / "e.zarr", metadata(), durable=False) as writer:
         writer.add_stream("width", kind="width", clock=CLOCK)
-    assert codes(tmp_path / "e.zarr") == []
+    assert codes(tmp_path / "e.zarr") == ["STRM-004"]
 
 
 def test_long_arrays(tmp_path: Path, codes: Codes) -> None:

@@ -64,6 +64,21 @@ class Intervals:
         """Jitter relative to the median interval."""
         return (self.statistics.jitter_s or 0.0) * NS_PER_S / self.median_ns
 
+    def jitter_beside(self, known: Mask) -> float:
+        """Return the jitter relative to the median interval, some intervals left out.
+
+        Parameters
+        ----------
+        known : (N-1,) bool
+            Intervals in which samples are known to be missing: where they are many, the jitter of
+            all would be theirs.
+        """
+        others = self.periods[~known]
+        if not len(others):
+            return 0.0
+        median = float(np.median(others))
+        return _MAD_TO_SIGMA * float(np.median(np.abs(others - median))) / median
+
     @cached_property
     def pace_ns(self) -> float:
         """Median time that a sample takes within runs of sixteen.

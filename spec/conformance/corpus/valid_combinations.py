@@ -29,7 +29,7 @@ def add_taxels(draft: Draft, name: str, **fields: Any) -> None:
 def add_wrench(draft: Draft, name: str) -> None:
     """Add a stream of six components, with the device's own counts beside them."""
     components = ["fx", "fy", "fz", "tx", "ty", "tz"]
-    raw = {"unit": "adc"}
+    raw = {"unit": "adc", "transform": "strain"}
     draft.stream(name, "wrench", components=components, reference_frame="wrist", raw=raw)
     counts = np.arange(48, dtype=np.int16).reshape(8, 6)
     draft.put(f"streams/{name}/time", bases.times(8, 10_000_000))
@@ -44,6 +44,10 @@ def all_sensors() -> Draft:
     for side in ("left", "right"):
         add_taxels(draft, f"taxels_{side}", sensor={"model": "acme-pad", "side": side})
         add_wrench(draft, f"wrist_{side}")
+    draft.metadata.setdefault("calibration", {})["strain"] = {
+        "value": {"n_per_count": 0.0625},
+        "method": "dead weights",
+    }
     return draft
 
 
@@ -106,7 +110,12 @@ def vendor_keys() -> Draft:
     metadata["task"]["acme:difficulty"] = 0.5
     metadata["source"]["acme:node"] = "a"
     metadata["calibration"] = {
-        "tcp": {"value": [0, 0, 0.1, 0, 0, 0, 1], "unit": "acme:cubit", "acme:by": "laser"}
+        "tcp": {
+            "value": [0, 0, 0.1, 0, 0, 0, 1],
+            "unit": "acme:cubit",
+            "method": "measured",
+            "acme:by": "laser",
+        }
     }
     metadata["annotations"] = {
         "object_id": "egg",

@@ -65,9 +65,9 @@ class _Judge:
         elif self.rate is None and not intervals.is_regular:
             self.skip("samples come irregularly", *self.applicable)
         else:
-            if self.measured and self.unsteady(stretch, intervals):
-                return
             declared = self.gaps.intervals(stretch)
+            if self.measured and self.unsteady(stretch, intervals, declared):
+                return
             self.long_intervals(stretch, intervals, declared)
             self.spans(stretch, intervals)
             if self.measured and self.rate:
@@ -84,16 +84,20 @@ class _Judge:
         self.count[code] = self.count.get(code, 0) + count
         self.first.setdefault(code, (index, found, expected))
 
-    def unsteady(self, stretch: Stretch, intervals: Intervals) -> bool:
+    def unsteady(
+        self, stretch: Stretch, intervals: Intervals, declared: npt.NDArray[np.bool_]
+    ) -> bool:
         """Judge bursts and jitter; whether they leave nothing else to judge."""
         crowded = intervals.crowded(self.limit("TIME-008", "share_of_period"))
         told = stretch.flagged("time_nudged", "out_of_order")
         crowded &= ~(told[1:] | told[:-1])
         total = len(intervals.periods)
         in_bursts = int(crowded.sum()) > _BURSTS * total
+        limit = self.limit("TIME-007", "share_of_period")
         jitter = intervals.jitter
-        jittery = not in_bursts and jitter > self.limit("TIME-007", "share_of_period")
-        if jittery:
+        if jitter > limit and declared.any():
+            jitter = intervals.jitter_beside(declared)
+        if jitter > limit and not in_bursts:
             found, expected = _shown(jitter * intervals.median_ns), _shown(intervals.median_ns)
             self.note("TIME-007", 1, None, found, expected)
             self.skip("the jitter hides it", "TIME-005", "TIME-006", "TIME-008", "GAP-002")
