@@ -32,6 +32,7 @@ __all__ = ["ArrayReader", "ArrayWriter", "Bytes", "ZarrReader", "crc32c", "open_
 Bytes = bytes | bytearray | memoryview
 
 _ABSENT = np.uint64(0xFFFFFFFFFFFFFFFF)
+_ZSTD = Zstd()  # decoding has no state
 _TARGET_SHARD_BYTES = 32 << 20
 _INDEX_ROOM = 1 << 20
 _CHUNK_COST = 48  # of an index entry, and of zstd where nothing can be saved
@@ -369,26 +370,29 @@ class ArrayReader:
         return data[start : start + length]
 
     def _chunk(self, shard: int, chunk: int) -> bytes:
-        start, length = (int(value) for value in self._index(shard)[chunk])
+        start, length = self._index(shard)[chunk].tolist()
         expected = self.document.chunk_bytes
-        where = self._where(shard)
         if not self.document.zstd:
             if length != expected:
-                raise DamagedDataError(f"inner chunk {chunk} has a wrong length", where=where)
+                raise DamagedDataError(
+                    f"inner chunk {chunk} has a wrong length", where=self._where(shard)
+                )
             return self.store.read_range(self._shard(shard), start, length)
         raw = self.store.read_range(self._shard(shard), start, length)
         out = np.empty(expected, dtype=np.uint8)
         if not raw.startswith(_ZSTD_MAGIC):
-            raise DamagedDataError(f"inner chunk {chunk} is not zstd", where=where)
+            raise DamagedDataError(f"inner chunk {chunk} is not zstd", where=self._where(shard))
         if _zstd_content_size(raw) not in (expected, None):
             # The decoder would leave the rest of the buffer as it was.
-            raise DamagedDataError(f"inner chunk {chunk} has a wrong length", where=where)
+            raise DamagedDataError(
+                f"inner chunk {chunk} has a wrong length", where=self._where(shard)
+            )
         try:
             # A buffer of the declared size bounds memory, whatever the frame claims.
-            Zstd().decode(raw, out)
+            _ZSTD.decode(raw, out)
         except (RuntimeError, ValueError) as error:
             raise DamagedDataError(
-                f"inner chunk {chunk} cannot be decompressed ({error})", where=where
+                f"inner chunk {chunk} cannot be decompressed ({error})", where=self._where(shard)
             ) from None
         return out.tobytes()
 

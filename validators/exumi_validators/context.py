@@ -235,6 +235,9 @@ class EpisodeContext:
             Of the entry, from the root of the file.
         part : model
         """
+        if self.metadata is not None:
+            yield from self._valid_parts(*keys)
+            return
         value: Any = self.document
         for key in keys:
             value = value.get(key) if isinstance(value, dict) else None
@@ -247,6 +250,19 @@ class EpisodeContext:
             part = parse_leniently(_adapter_of(model), entry)
             if part is not None:
                 yield (*EXUMI, *keys, key_or_index), part
+
+    def _valid_parts(self, *keys: str) -> Iterator[tuple[Pointer, Any]]:
+        """Go through a list or map of metadata that is valid as a whole: it is parsed already."""
+        value: Any = self.metadata
+        for key in keys:
+            value = getattr(value, key, None)
+        entries: Iterable[tuple[int | str, Any]] = ()
+        if isinstance(value, dict):
+            entries = value.items()
+        elif isinstance(value, list):
+            entries = enumerate(value)
+        for key_or_index, entry in entries:
+            yield (*EXUMI, *keys, key_or_index), entry
 
     @cached_property
     def streams(self) -> dict[str, StreamModel]:

@@ -1,6 +1,7 @@
 """The shards of one array: that they are there, and that their indices are sound."""
 
 import re
+import struct
 from collections.abc import Iterator
 from typing import Protocol
 
@@ -17,6 +18,7 @@ from exumi_validators.report import Problem
 __all__ = ["judge_shards"]
 
 _ABSENT = np.uint64(0xFFFFFFFFFFFFFFFF)
+_ENTRY = struct.Struct("<QQ")
 _NUMBER = re.compile(r"(0|[1-9][0-9]{0,18})")
 
 
@@ -88,6 +90,8 @@ def _judge_shard(
         return
     rows = min(document.shard_rows, document.shape[0] - shard * document.shard_rows)
     chunks = -(-rows // document.chunk_rows)
+    if chunks == 1 and _is_all(raw, size - length, document):
+        return
     index = np.frombuffer(raw[:-4], dtype="<u8").reshape(-1, 2)[:chunks]
     absent = (index == _ABSENT).any(axis=1)
     if absent.any():
@@ -105,6 +109,12 @@ def _judge_shard(
     if not document.zstd:
         yield from _judge_order(file, index, document.chunk_bytes)
     yield from _judge_body(file, index, size - length)
+
+
+def _is_all(raw: bytes, body: int, document: ArrayDocument) -> bool:
+    """Whether a shard's first chunk is all that it holds: so it is with most small arrays."""
+    start, length = _ENTRY.unpack_from(raw)
+    return start == 0 and length == body and (document.zstd or length == document.chunk_bytes)
 
 
 def _judge_body(file: str, index: np.ndarray, body: int) -> Iterator[Problem]:
