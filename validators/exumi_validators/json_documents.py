@@ -2,12 +2,14 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 __all__ = ["MAX_DOCUMENT_BYTES", "LoadedDocument", "load_document"]
 
 MAX_DOCUMENT_BYTES = 64 << 20
+_SMALL_BYTES = 2048
 
 Pointer = tuple[int | str, ...]
 
@@ -51,6 +53,11 @@ def load_document(raw: bytes, path: str) -> LoadedDocument:
     """
     if len(raw) > MAX_DOCUMENT_BYTES:
         return LoadedDocument(path, mistake="the document is larger than 64 MiB")
+    return replace(_parsed_again(raw) if len(raw) <= _SMALL_BYTES else _parsed(raw), path=path)
+
+
+def _parsed(raw: bytes) -> LoadedDocument:
+    path = ""
     try:
         text = raw.decode("utf-8")
         objects = _Objects()
@@ -63,6 +70,10 @@ def load_document(raw: bytes, path: str) -> LoadedDocument:
         return LoadedDocument(path, mistake="expected a JSON object")
     twice = tuple(_duplicates(value, ())) if objects.found_twice else ()
     return LoadedDocument(path, value, duplicates=twice)
+
+
+# The documents of arrays are small, and the same in episode after episode. Nobody changes them.
+_parsed_again = lru_cache(maxsize=256)(_parsed)
 
 
 def _mistake(error: Exception) -> str:
