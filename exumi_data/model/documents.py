@@ -20,6 +20,7 @@ from exumi_data.model.episode import (
     DerivedMetadata,
     EpisodeMetadata,
 )
+from exumi_data.model.manifest import MANIFEST_FORMAT, Manifest
 
 __all__ = [
     "KNOWN_FEATURES",
@@ -35,6 +36,7 @@ __all__ = [
     "parse_dataset",
     "parse_derived",
     "parse_episode",
+    "parse_manifest",
     "parse_split",
     "problems_of",
 ]
@@ -256,6 +258,13 @@ def parse_split(raw: bytes, where: object) -> SplitDocument:
     document = load_json(raw, where)
     newer = check_version(document, "exumi-split", where)
     return _validate(SplitDocument, document, newer=newer, where=where)
+
+
+def parse_manifest(raw: bytes, where: object) -> Manifest:
+    """Parse ``manifest.json``."""
+    document = load_json(raw, where)
+    newer = check_version(document, MANIFEST_FORMAT, where)
+    return _validate(Manifest, document, newer=newer, where=where)
 
 
 def dump(model: Model) -> dict[str, Any]:

@@ -9,11 +9,16 @@ from pydantic import TypeAdapter
 
 from exumi_data.catalog import CATALOG_NAME, EPISODES_FOLDER, list_episodes
 from exumi_data.dataset import DATASET_DOCUMENT
+from exumi_data.errors import ExumiError
+from exumi_data.manifest import MANIFEST_NAME
 from exumi_data.model.base import Model
 from exumi_data.model.dataset import DATASET_FORMAT, DatasetMetadata, SplitDocument
+from exumi_data.model.manifest import Manifest
+from exumi_data.store.plain_files import read_plain
 from exumi_validators.context import newer_minor
 from exumi_validators.episode_run import EpisodeFacts
-from exumi_validators.json_documents import LoadedDocument, load_document
+from exumi_validators.json_documents import MAX_DOCUMENT_BYTES, LoadedDocument, load_document
+from exumi_validators.listing import list_folder
 from exumi_validators.model_problems import parse_leniently
 
 __all__ = ["CatalogRows", "DatasetContext"]
@@ -52,13 +57,12 @@ class DatasetContext:
         return self._load(DATASET_DOCUMENT)
 
     def _load(self, path: str) -> LoadedDocument | None:
-        file = self.root / path
-        if not file.is_file():
-            return None
         try:
-            return load_document(file.read_bytes(), path)
-        except OSError as error:
-            return LoadedDocument(path, mistake=f"cannot be read: {error}")
+            return load_document(read_plain(self.root / path, MAX_DOCUMENT_BYTES), path)
+        except FileNotFoundError:
+            return None
+        except ExumiError as error:
+            return LoadedDocument(path, mistake=error.what)
 
     @property
     def document(self) -> dict[str, Any] | None:
@@ -111,6 +115,21 @@ class DatasetContext:
             for name, loaded in self.split_files.items()
         }
         return {name: split for name, split in parsed.items() if split is not None}
+
+    @cached_property
+    def manifest_file(self) -> LoadedDocument | None:
+        """``manifest.json``; None when it is not there."""
+        return self._load(MANIFEST_NAME)
+
+    @cached_property
+    def manifest(self) -> Manifest | None:
+        """The manifest, when it is valid."""
+        return self._parse(Manifest, self.manifest_file.value if self.manifest_file else None)
+
+    @cached_property
+    def files(self) -> dict[str, int]:
+        """Path to size of all files of the dataset; no link is followed."""
+        return list_folder(str(self.root)).files
 
     @cached_property
     def by_id(self) -> dict[str, EpisodeFacts]:

@@ -16,6 +16,7 @@ from exumi_data.errors import NotAnEpisodeError, UnsupportedError, UsageError
 from exumi_data.model.episode import FORMAT_VERSION
 from exumi_data.standard import LEVELS, Level
 from exumi_validators.checks import dataset as dataset_module
+from exumi_validators.checks import manifest as manifest_module
 from exumi_validators.dataset_context import DatasetContext
 from exumi_validators.episode_run import (
     EpisodeResult,
@@ -37,7 +38,7 @@ _PARALLEL_FROM = 8
 @cache
 def dataset_checks() -> tuple[Check[DatasetContext], ...]:
     """Return the checks of datasets, the cheap levels first."""
-    found: tuple[Check[DatasetContext], ...] = checks_of((dataset_module,))
+    found: tuple[Check[DatasetContext], ...] = checks_of((dataset_module, manifest_module))
     return tuple(sorted(found, key=lambda check: LEVELS.index(check.level)))
 
 
@@ -185,8 +186,9 @@ def _episodes(
     on_progress: Callable[[int, int], None] | None,
 ) -> "list[tuple[str, EpisodeResult | Unchecked]]":
     episodes = dataset.episodes
-    has_catalog = "data" in levels and not isinstance(dataset.catalog, str)
-    judge = partial(_judge_member, root=path, levels=levels, with_digest=has_catalog)
+    has_digests = not isinstance(dataset.catalog, str) or dataset.manifest is not None
+    with_digest = "data" in levels and has_digests
+    judge = partial(_judge_member, root=path, levels=levels, with_digest=with_digest)
     single = len(episodes) < _PARALLEL_FROM
     done: list[tuple[str, EpisodeResult | Unchecked]] = []
     for outcome in map_items(judge, episodes, workers=1 if single else workers):
