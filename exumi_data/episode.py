@@ -340,7 +340,8 @@ class Episode:
     @property
     def duration_s(self) -> float:
         """From the first to the last sample of any stream, seconds."""
-        ends = [(s.time[0], s.time[-1]) for s in self._streams.values() if len(s.time)]
+        # Python's integers: the difference of two hostile times does not fit into 64 bits.
+        ends = [(int(s.time[0]), int(s.time[-1])) for s in self._streams.values() if len(s.time)]
         if not ends:
             return 0.0
         return float(max(b for _, b in ends) - min(a for a, _ in ends)) * 1e-9

@@ -11,7 +11,7 @@ __all__ = ["MANIFEST_FORMAT", "Manifest", "ManifestEpisode", "ManifestFile"]
 
 MANIFEST_FORMAT = "exumi-manifest"
 
-Path = Annotated[str, StringConstraints(min_length=1, max_length=1024)]
+Path = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f]{1,1024}$")]
 
 
 class ManifestFile(Model):
@@ -38,6 +38,6 @@ class Manifest(Model):
 
     format: Literal["exumi-manifest"] = "exumi-manifest"
     version: Version = FORMAT_VERSION
-    files: list[ManifestFile]
+    files: Annotated[list[ManifestFile], Field(fail_fast=True)]
     """Every file but the manifest itself and hidden ones."""
-    episodes: list[ManifestEpisode]
+    episodes: Annotated[list[ManifestEpisode], Field(fail_fast=True)]

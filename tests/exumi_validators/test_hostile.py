@@ -57,7 +57,7 @@ def test_metadata_nested_as_deep_as_json_goes(episode: Path, codes: Codes) -> No
         exumi["acme:deep"] = deep
 
     edit_metadata(episode, nest)
-    assert codes(episode) == ["META-002"]
+    assert codes(episode) == ["DOC-001"]
 
 
 @pytest.mark.parametrize("value", [None, 3, "x", [], {}, [[]], {"": {}}, True])

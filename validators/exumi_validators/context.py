@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import TypeAdapter
 
-from exumi_data.errors import DamagedDataError, ExumiError, LimitError
+from exumi_data.errors import DamagedDataError, ExumiError, LimitError, UnsupportedError
 from exumi_data.model.base import Model
 from exumi_data.model.description import CalibrationItem
 from exumi_data.model.documents import KNOWN_FEATURES
@@ -30,7 +30,7 @@ from exumi_data.standard import (
 )
 from exumi_data.store.access import FolderStore, ZipStore
 from exumi_data.store.shards import ArrayReader
-from exumi_data.store.zarr_document import ArrayDocument, ForeignLayoutError, layout_of
+from exumi_data.store.zarr_document import ArrayDocument, layout_of
 from exumi_validators.expected_shapes import fits
 from exumi_validators.json_documents import LoadedDocument, load_document
 from exumi_validators.listing import Listing
@@ -351,7 +351,7 @@ class EpisodeContext:
             return None
         try:
             return layout_of(node.document, path)
-        except (ForeignLayoutError, DamagedDataError, LimitError) as error:
+        except (UnsupportedError, DamagedDataError, LimitError) as error:
             self.unreadable[path] = f"the document cannot be understood: {error}"
             return None
 

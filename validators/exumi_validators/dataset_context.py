@@ -13,11 +13,12 @@ from exumi_data.errors import ExumiError
 from exumi_data.manifest import MANIFEST_NAME
 from exumi_data.model.base import Model
 from exumi_data.model.dataset import DATASET_FORMAT, DatasetMetadata, SplitDocument
+from exumi_data.model.json_limits import MAX_DOCUMENT_BYTES, MAX_DOCUMENT_PARTS, MAX_LIST_PARTS
 from exumi_data.model.manifest import Manifest
 from exumi_data.store.plain_files import read_plain
 from exumi_validators.context import newer_minor
 from exumi_validators.episode_run import EpisodeFacts
-from exumi_validators.json_documents import MAX_DOCUMENT_BYTES, LoadedDocument, load_document
+from exumi_validators.json_documents import LoadedDocument, load_document
 from exumi_validators.listing import list_folder
 from exumi_validators.model_problems import parse_leniently
 
@@ -57,8 +58,10 @@ class DatasetContext:
         return self._load(DATASET_DOCUMENT)
 
     def _load(self, path: str) -> LoadedDocument | None:
+        most = MAX_DOCUMENT_PARTS if path == DATASET_DOCUMENT else MAX_LIST_PARTS
         try:
-            return load_document(read_plain(self.root / path, MAX_DOCUMENT_BYTES), path)
+            raw = read_plain(self.root / path, MAX_DOCUMENT_BYTES)
+            return load_document(raw, path, most_parts=most)
         except FileNotFoundError:
             return None
         except ExumiError as error:

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["MAX_DOCUMENT_BYTES", "LoadedDocument", "load_document"]
+from exumi_data.model.json_limits import MAX_DOCUMENT_PARTS, is_too_deep, size_mistake
 
-MAX_DOCUMENT_BYTES = 64 << 20
+__all__ = ["LoadedDocument", "load_document"]
 
 Pointer = tuple[int | str, ...]
 
@@ -40,7 +40,7 @@ class LoadedDocument:
     duplicates: tuple[Pointer, ...] = ()
 
 
-def load_document(raw: bytes, path: str) -> LoadedDocument:
+def load_document(raw: bytes, path: str, *, most_parts: int = MAX_DOCUMENT_PARTS) -> LoadedDocument:
     """Parse a JSON object; what is wrong is returned, never raised.
 
     Parameters
@@ -48,9 +48,12 @@ def load_document(raw: bytes, path: str) -> LoadedDocument:
     raw : bytes
     path : str
         Where it is, for messages.
+    most_parts : int
+        See `exumi_data.model.json_limits`.
     """
-    if len(raw) > MAX_DOCUMENT_BYTES:
-        return LoadedDocument(path, mistake="the document is larger than 64 MiB")
+    mistake = size_mistake(raw, most_parts=most_parts)
+    if mistake:
+        return LoadedDocument(path, mistake=mistake)
     try:
         text = raw.decode("utf-8")
         objects = _Objects()
@@ -61,6 +64,8 @@ def load_document(raw: bytes, path: str) -> LoadedDocument:
         return LoadedDocument(path, mistake=_mistake(error))
     if not isinstance(value, dict):
         return LoadedDocument(path, mistake="expected a JSON object")
+    if is_too_deep(value, raw):
+        return LoadedDocument(path, mistake=_mistake(RecursionError()))
     twice = tuple(_duplicates(value, ())) if objects.found_twice else ()
     return LoadedDocument(path, value, duplicates=twice)
 

@@ -178,7 +178,11 @@ def _grid_problems(node: ArrayNode) -> Iterator[Problem]:
         mistake = f"shards of shape {list(shard)} do not divide an array of shape {list(shape)}"
     elif shard[1:] != shape[1:]:
         mistake = f"shards of shape {list(shard)} divide more than the first axis"
-    elif chunk is not None:
+    elif chunk is None:
+        if _sharding(node.document.get("codecs")) is not None:
+            pointer = ("codecs", "0", "configuration", "chunk_shape")
+            mistake = "the shape of inner chunks is not a list of sizes"
+    else:
         pointer = ("codecs", "0", "configuration", "chunk_shape")
         if len(chunk) != len(shape) or 0 in chunk or chunk[1:] != shard[1:]:
             mistake = f"inner chunks of shape {list(chunk)} divide more than the first axis"
