@@ -107,8 +107,8 @@ def _open(source: bytes | str | IO[bytes], where: object, pixels: int) -> Any:
         container.close()
         raise SourceError("the file holds no video stream", where=where)
     context = container.streams.video[0].codec_context
-    if context is None:
-        container.close()
+    if context is None:  # PyAV's stubs do not know of streams that nothing decodes
+        container.close()  # type: ignore[unreachable]
         raise SourceError("there is no decoder for the video", where=where)
     context.thread_count = 1
     context.options = limit

@@ -164,7 +164,8 @@ def parse_array(raw: bytes, where: object) -> ArrayDocument:
     DamagedDataError
         Not an array document.
     LimitError
-        A document larger than 1 MiB, an inner chunk larger than 256 MiB, or more than 2**26 chunks: nothing we wrote.
+        A document larger than 1 MiB, an inner chunk larger than 256 MiB, or more than 2**26
+        chunks: nothing we wrote.
     UnsupportedError
         A layout that is not the standard's.
     """

@@ -5,6 +5,7 @@ import traceback
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -86,7 +87,7 @@ def _read(path: Path, verdict: Verdict) -> None:
         _attempt(lambda: opened.fingerprint, verdict)
         _attempt(lambda: make_split(opened), verdict)
         for index in range(min(len(opened), 10)):
-            episode = _attempt(lambda i=index: opened[i], verdict)  # type: ignore[misc]  # mypy knows no default of a lambda
+            episode = _attempt(partial(opened.__getitem__, index), verdict)
             if isinstance(episode, exumi_data.Episode):
                 _read_episode(episode, verdict)
     elif isinstance(opened, exumi_data.Episode):
@@ -107,7 +108,7 @@ def _read_episode(episode: exumi_data.Episode, verdict: Verdict) -> None:
             _attempt(step, verdict)
         derived = _attempt(lambda: episode.derived, verdict)
         for key in derived.items if isinstance(derived, DerivedMetadata) else ():
-            _attempt(lambda k=key: episode.derived_array(k), verdict)  # type: ignore[misc]  # as above
+            _attempt(partial(episode.derived_array, key), verdict)
 
 
 def _steps(episode: exumi_data.Episode, name: str) -> list[Callable[[], object]]:
@@ -117,16 +118,16 @@ def _steps(episode: exumi_data.Episode, name: str) -> list[Callable[[], object]]
         lambda: stream.time,
         lambda: stream.activity,
         lambda: stream.salient,
-        *((lambda a=array: stream.array(a)) for array in stream.metadata.arrays),
+        *(partial(stream.array, array) for array in stream.metadata.arrays),
     ]
     if stream.is_image:
-        steps += [lambda i=i: _frame(stream, i) for i in range(_FRAMES)]
+        steps += [partial(_frame, stream, index) for index in range(_FRAMES)]
         steps.append(lambda: stream.frames.read(range(min(len(stream), 3)), grey=True))
     images = getattr(stream.metadata, "images", None)
     if isinstance(images, EncodedImages):
         steps.append(lambda: stream.encoded(0) if len(stream) else None)
     if isinstance(images, VideoImages):
-        steps += [lambda i=i: stream.container(i) for i in range(min(len(images.files), 3))]
+        steps += [partial(stream.container, file) for file in range(min(len(images.files), 3))]
     return steps
 
 

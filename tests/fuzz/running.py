@@ -2,7 +2,6 @@
 
 import ctypes
 import multiprocessing
-import os
 import resource
 import shutil
 import signal
@@ -84,7 +83,7 @@ def _serve(connection: Connection, stores: Sequence[Store], seed: int, folder: P
 
 
 def _judged(stores: Sequence[Store], seed: int, number: int, folder: Path) -> Outcome:
-    from tests.fuzz.judging import judge
+    from tests.fuzz.judging import judge  # the processes inherit it
 
     draft = spoiled(stores, seed, number)
     outcome = Outcome(number, draft.store.name, draft.done)
@@ -139,7 +138,7 @@ def run(
         In the order of the numbers.
     """
     stores = all_stores()
-    shared = Path("/dev/shm")
+    shared = Path("/dev/shm")  # noqa: S108  # memory: twenty thousand stores need no disk
     folder = Path(tempfile.mkdtemp(prefix="exumi-fuzz-", dir=shared if shared.is_dir() else None))
     try:
         found = []
@@ -152,75 +151,86 @@ def run(
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _outcomes(
-    source: Iterator[int], stores: Sequence[Store], seed: int, count: int, folder: Path
-) -> Iterator[Outcome]:
-    _warm(stores, seed, folder)
-    idle: list[_Worker] = []
-    busy: dict[Connection, _Worker] = {}
-    again: list[int] = []  # what seemed to hang, on a machine that may have been busy
-    tried: set[int] = set()
-    try:
-        while True:
-            while len(busy) < count:
-                number = again.pop() if again else next(source, None)
-                if number is None:
-                    break
-                worker = idle.pop() if idle else _Worker(stores, seed, folder)
-                worker.start(number)
-                busy[worker.connection] = worker
-            if not busy:
-                return
-            for ready in wait(list(busy), timeout=0.5):
-                worker = busy.pop(ready)  # type: ignore[call-overload]  # only connections are waited for
-                try:
-                    yield Outcome(**worker.connection.recv())
-                except (EOFError, OSError):
-                    yield _dead(worker, stores, seed)
-                    continue
-                if worker.cases < _CASES_PER_PROCESS:
-                    idle.append(worker)
-                else:
-                    worker.end()
-            for worker in [w for w in busy.values() if time.monotonic() - w.since > LONGEST_S]:
-                del busy[worker.connection]
-                worker.process.kill()
+class _Crew:
+    """The processes of a run: those that wait, and those that work."""
+
+    def __init__(self, stores: Sequence[Store], seed: int, folder: Path) -> None:
+        self.stores, self.seed, self.folder = stores, seed, folder
+        self.idle: list[_Worker] = []
+        self.busy: dict[Connection, _Worker] = {}
+        self.again: list[int] = []  # what seemed to hang, on a machine that may have been busy
+        self.tried: set[int] = set()
+
+    def start(self, number: int) -> None:
+        worker = self.idle.pop() if self.idle else _Worker(self.stores, self.seed, self.folder)
+        worker.start(number)
+        self.busy[worker.connection] = worker
+
+    def finished(self) -> Iterator[Outcome]:
+        for ready in wait(list(self.busy), timeout=0.5):
+            worker = self.busy.pop(ready)  # type: ignore[call-overload]  # only connections are waited for
+            try:
+                outcome = Outcome(**worker.connection.recv())
+            except (EOFError, OSError):
+                yield self._lost(worker, f"the process died with code {worker.end()}")
+                continue
+            if worker.cases < _CASES_PER_PROCESS:
+                self.idle.append(worker)
+            else:
                 worker.end()
-                if worker.number in tried:
-                    yield _late(worker, stores, seed)
-                else:
-                    tried.add(worker.number)
-                    again.append(worker.number)
-    finally:
-        for worker in (*idle, *busy.values()):
+            yield outcome
+
+    def late(self) -> Iterator[Outcome]:
+        now = time.monotonic()
+        for worker in [one for one in self.busy.values() if now - one.since > LONGEST_S]:
+            del self.busy[worker.connection]
+            worker.process.kill()
+            worker.end()
+            if worker.number in self.tried:
+                yield self._lost(worker, f"it took more than {LONGEST_S} s, twice")
+            else:
+                self.tried.add(worker.number)
+                self.again.append(worker.number)
+
+    def _lost(self, worker: _Worker, mistake: str) -> Outcome:
+        draft = spoiled(self.stores, self.seed, worker.number)
+        return Outcome(worker.number, draft.store.name, draft.done, mistakes=[mistake])
+
+    def end(self) -> None:
+        for worker in (*self.idle, *self.busy.values()):
             worker.process.kill()
             worker.end()
 
 
-def _warm(stores: Sequence[Store], seed: int, folder: Path) -> None:
+def _outcomes(
+    source: Iterator[int], stores: Sequence[Store], seed: int, count: int, folder: Path
+) -> Iterator[Outcome]:
+    _warm()
+    crew = _Crew(stores, seed, folder)
+    try:
+        while True:
+            while len(crew.busy) < count:
+                number = crew.again.pop() if crew.again else next(source, None)
+                if number is None:
+                    break
+                crew.start(number)
+            if not crew.busy:
+                return
+            yield from crew.finished()
+            yield from crew.late()
+    finally:
+        crew.end()
+
+
+def _warm() -> None:
     """Import what is imported late before processes are forked."""
     import av  # noqa: F401
     import cv2
     import pyarrow.parquet  # noqa: F401
 
-    import tests.fuzz.judging
+    import tests.fuzz.judging  # noqa: F401
 
     cv2.setNumThreads(1)
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-
-
-def _dead(worker: _Worker, stores: Sequence[Store], seed: int) -> Outcome:
-    code = worker.end()
-    return _lost(worker, stores, seed, f"the process died with code {code}")
-
-
-def _late(worker: _Worker, stores: Sequence[Store], seed: int) -> Outcome:
-    return _lost(worker, stores, seed, f"it took more than {LONGEST_S} s, twice")
-
-
-def _lost(worker: _Worker, stores: Sequence[Store], seed: int, mistake: str) -> Outcome:
-    draft = spoiled(stores, seed, worker.number)
-    return Outcome(worker.number, draft.store.name, draft.done, mistakes=[mistake])
 
 
 def summary(outcomes: Sequence[Outcome], seed: int) -> dict[str, Any]:

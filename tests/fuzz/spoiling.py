@@ -71,42 +71,58 @@ def _pictures(draft: Draft, random: Random) -> str:
     return f"picture in {path}"
 
 
+def _without(draft: Draft, one: str, two: str, random: Random) -> str:
+    del draft.files[one]
+    return f"without {one}"
+
+
+def _swapped(draft: Draft, one: str, two: str, random: Random) -> str:
+    draft.files[one], draft.files[two] = draft.files[two], draft.files[one]
+    return f"{one} and {two} swapped"
+
+
+def _copied(draft: Draft, one: str, two: str, random: Random) -> str:
+    draft.files[one] = draft.files[two]
+    return f"{one} is {two}"
+
+
+def _emptied(draft: Draft, one: str, two: str, random: Random) -> str:
+    draft.files[one] = random.choice((b"", b"{}", b"[]", b"null", b"\0" * 1000))
+    return f"{one} is nothing"
+
+
+def _special(draft: Draft, one: str, two: str, random: Random) -> str:
+    special = random.choice(tuple(Special))
+    draft.files[one] = special
+    return f"{one} is a {special.value}"
+
+
+def _folder_gone(draft: Draft, one: str, two: str, random: Random) -> str:
+    parts = one.split("/")
+    folder = "/".join(parts[: random.randrange(1, len(parts))]) if len(parts) > 1 else one
+    for path in [path for path in draft.files if path.startswith(f"{folder}/")]:
+        del draft.files[path]
+    if random.random() < 0.5:
+        draft.files[folder] = random.choice((Special.LINK, Special.PIPE, b"x"))
+        return f"{folder} is no folder"
+    return f"without {folder}"
+
+
+def _added(draft: Draft, one: str, two: str, random: Random) -> str:
+    name = random.choice(ODD_NAMES)
+    draft.files[name] = random.choice((b"x", b"{}", draft.data(one), Special.PIPE, Special.LINK))
+    return f"and {name[:40]}"
+
+
+_FILE_WAYS = (_without, _swapped, _copied, _emptied, _special, _folder_gone, _added)
+
+
 def _files(draft: Draft, random: Random) -> str:
     paths = draft.paths()
     if not paths:
         return "nothing"
     one, two = random.choice(paths), random.choice(paths)
-    way = random.randrange(8)
-    if way == 0:
-        del draft.files[one]
-        return f"without {one}"
-    if way == 1:
-        draft.files[one], draft.files[two] = draft.files[two], draft.files[one]
-        return f"{one} and {two} swapped"
-    if way == 2:
-        draft.files[one] = draft.files[two]
-        return f"{one} is {two}"
-    if way == 3:
-        draft.files[one] = random.choice((b"", b"{}", b"[]", b"null", b"\0" * 1000))
-        return f"{one} is nothing"
-    if way == 4:
-        draft.files[one] = random.choice(tuple(Special))
-        return f"{one} is a {draft.files[one]}"
-    if way == 5:
-        folder = one.rpartition("/")[0]
-        for path in [path for path in draft.files if path.startswith(f"{folder}/")]:
-            del draft.files[path]
-        draft.files[folder or "zarr.json"] = random.choice((Special.LINK, Special.PIPE, b"x"))
-        return f"{folder} is no folder"
-    if way == 6:
-        folder = one.rpartition("/")[0]
-        gone = [path for path in draft.files if path.startswith(f"{folder}/")]
-        for path in gone:
-            del draft.files[path]
-        return f"without {folder}"
-    name = random.choice(ODD_NAMES)
-    draft.files[name] = random.choice((b"x", b"{}", draft.data(one), Special.PIPE, Special.LINK))
-    return f"and {name[:40]}"
+    return random.choice(_FILE_WAYS)(draft, one, two, random)
 
 
 def _catalog(draft: Draft, random: Random) -> str:

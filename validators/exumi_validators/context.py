@@ -19,7 +19,7 @@ from exumi_data.model.episode import (
     DerivedItem,
     EpisodeMetadata,
 )
-from exumi_data.model.streams import ExtensionStream, Stream, StreamModel
+from exumi_data.model.streams import ExtensionStream, Stream, StreamModel, images_of
 from exumi_data.standard import (
     ArraySpec,
     common_arrays,
@@ -268,7 +268,7 @@ class EpisodeContext:
         kind = kinds().get(stream.kind)
         if kind is not None:
             found |= kind.arrays
-        images = getattr(stream, "images", None)
+        images = images_of(stream)
         if images is not None:
             found |= encodings()[images.encoding].arrays
         return found

@@ -25,11 +25,14 @@ class Listing:
         Links and special files.
     unsafe : tuple of str
         Names that could lead out of the store when it is copied or unpacked elsewhere.
+    closed : dict
+        Folders that cannot be listed, with the reason.
     """
 
     files: dict[str, int] = field(default_factory=dict)
     links: tuple[str, ...] = ()
     unsafe: tuple[str, ...] = ()
+    closed: dict[str, str] = field(default_factory=dict)
 
     @cached_property
     def chunk_files(self) -> dict[str, list[str]]:
@@ -46,13 +49,20 @@ def _is_unsafe(name: str) -> bool:
     return "\\" in name or not name.isprintable() or (len(name) > 1 and name[1] == ":")
 
 
-def _walk(root: str, prefix: str, depth: int) -> Iterator[tuple[str, os.stat_result]]:
-    with os.scandir(f"{root}/{prefix}" if prefix else root) as entries:
+def _walk(
+    root: str, prefix: str, depth: int, closed: dict[str, str]
+) -> Iterator[tuple[str, os.stat_result]]:
+    try:
+        entries = os.scandir(f"{root}/{prefix}" if prefix else root)
+    except OSError as error:
+        closed[prefix or "."] = error.strerror or str(error)
+        return
+    with entries:
         for entry in entries:
             path = f"{prefix}/{entry.name}" if prefix else entry.name
             info = entry.stat(follow_symlinks=False)
             if stat.S_ISDIR(info.st_mode) and depth < _MAX_DEPTH and not _is_unsafe(entry.name):
-                yield from _walk(root, path, depth + 1)
+                yield from _walk(root, path, depth + 1, closed)
             else:
                 yield path, info
 
@@ -65,14 +75,15 @@ def list_folder(root: str) -> Listing:
     root : str
     """
     files, links, unsafe = {}, [], []
-    for path, info in _walk(root, "", 0):
+    closed: dict[str, str] = {}
+    for path, info in _walk(root, "", 0, closed):
         if _is_unsafe(path.rpartition("/")[2]):
             unsafe.append(path)
         elif stat.S_ISREG(info.st_mode):
             files[path] = info.st_size
         else:
             links.append(path)
-    return Listing(files, tuple(sorted(links)), tuple(sorted(unsafe)))
+    return Listing(files, tuple(sorted(links)), tuple(sorted(unsafe)), closed)
 
 
 def list_zip(store: ZipStore) -> Listing:

@@ -130,6 +130,8 @@ def _kind(path: str) -> str:
         )
     if not target.exists():
         raise NotAnEpisodeError("no such file or folder", where=path)
+    if not target.is_file():  # a pipe would be waited for
+        raise NotAnEpisodeError("neither a file nor a folder", where=path)
     with target.open("rb") as file:
         is_zip = file.read(4) in (b"PK\x03\x04", b"PK\x05\x06")
     if not is_zip and not path.endswith(".zip"):

@@ -32,6 +32,7 @@ __all__ = [
     "is_there",
     "kept_together",
     "licence",
+    "links",
     "listed_splits",
     "oddities",
     "once",
@@ -118,6 +119,13 @@ def oddities(dataset: DatasetContext) -> Iterator[Problem]:
     codes = {"foreign": "SET-004", "partial": "SET-005", "replaced": "SET-006"}
     for path, kind in dataset.oddities:
         yield problem(codes[kind], path)
+
+
+@check("SAFE-002")
+def links(dataset: DatasetContext) -> Iterator[Problem]:
+    """Judge that there are only files and folders."""
+    for path in dataset.links:
+        yield problem("SAFE-002", path, found=path)
 
 
 @check("SPLIT-001")
