@@ -8,11 +8,22 @@ from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from exumi_data.manifest import build_manifest
+from exumi_data.model import Clock, EncodedImages, Frames, RawData
 from exumi_data.model.documents import dump
+from exumi_data.simulation import simulate_play
+from exumi_data.store import jpeg
+from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.pack import pack, packing_order
-from tests.exumi_data.builders import episode_id, write_dataset, write_episode, write_small
+from tests.exumi_data.builders import (
+    episode_id,
+    metadata,
+    write_dataset,
+    write_episode,
+    write_small,
+)
 
 __all__ = ["Draft", "Special", "Store", "all_stores", "as_zip", "unzipped"]
 
@@ -112,6 +123,44 @@ def _load(name: str, path: Path) -> Store:
     )
 
 
+def _simulated(path: Path) -> Path:
+    """Write a play session of seconds: signals as sensors give them, with clocks and losses."""
+    session = simulate_play(seed=3, duration_s=3.0, tactile_size=(32, 48), rgb_size=(32, 48))
+    images: Any = {"height": 32, "width": 48, "channels": 3}
+    fields: dict[str, dict[str, Any]] = {
+        "pose": {"frames": Frames(parent="world", child="gripper")},
+        "width": {"raw": RawData(unit="count", modulus=4096)},
+    }
+    with EpisodeWriter(path, metadata(7), durable=False) as writer:
+        for stream in session.streams.values():
+            extra = fields.get(stream.name) or {
+                "images": EncodedImages(encoding="encoded", media_type="image/jpeg", **images)
+            }
+            clock = Clock(
+                source="session",
+                stamp_point="simulated",
+                raw_time="time_host",
+                latency_ns=stream.latency_ns,
+            )
+            rate = str(round(stream.rate_hz))
+            out = writer.add_stream(
+                stream.name, kind=stream.kind, clock=clock, nominal_rate=rate, **extra
+            )
+            beside: dict[str, Any] = {
+                "time_host": stream.time_ns,
+                "sequence": stream.sequence.astype("uint64"),
+            }
+            values: Any = stream.data
+            if values is None:
+                values = [jpeg.encode(stream.render(i), 90) for i in range(len(stream))]
+            if stream.raw is not None:
+                beside["raw"] = stream.raw
+            out.append(stream.capture_time_ns, values, **beside)
+            if stream.reference is not None:
+                out.set_reference(stream.reference, method="captured", contact_free=True)
+    return path
+
+
 def _made(folder: Path) -> list[Store]:
     """Return stores that our own writers made."""
     whole = write_episode(folder / "whole.zarr")
@@ -127,7 +176,8 @@ def _made(folder: Path) -> list[Store]:
     (dataset / "splits").mkdir()
     (dataset / "splits" / "default.json").write_text(json.dumps(split))
     (dataset / "manifest.json").write_text(json.dumps(dump(build_manifest(dataset))))
-    paths = [whole, pack(whole), small, pack(small), dataset]
+    simulated = _simulated(folder / "simulated.zarr")
+    paths = [whole, pack(whole), small, pack(small), dataset, simulated]
     return [_load(f"made {path.name}", path) for path in paths]
 
 
