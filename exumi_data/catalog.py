@@ -1,6 +1,9 @@
 """The catalog of a dataset: one row an episode; derived, never authoritative."""
 
 import hashlib
+import os
+import re
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,12 +12,14 @@ from exumi_data.engine import Outcome, map_items
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import DamagedDataError, ExumiError, MetadataError
 from exumi_data.model.episode import DerivedItem
+from exumi_data.model.streams import images_of
 from exumi_data.store.digest import digest_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 __all__ = [
     "CATALOG_NAME",
@@ -25,6 +30,7 @@ __all__ = [
     "episode_path",
     "fingerprint",
     "list_episodes",
+    "open_catalog",
     "read_catalog",
     "write_catalog",
 ]
@@ -33,6 +39,7 @@ CATALOG_NAME = "catalog.parquet"
 EPISODES_FOLDER = "episodes"
 _SUFFIXES = (".zarr", ".zarr.zip")
 _DEFAULT_ACTIVE_ABOVE = 1e-3
+_ID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 
 
 def catalog_schema() -> "pa.Schema":
@@ -88,20 +95,22 @@ def episode_path(episode_id: str, *, packed: bool = False) -> str:
 def list_episodes(root: Path) -> list[str]:
     """List the finished episodes of a dataset, sorted by path.
 
-    Names that begin with a dot are half-written or put aside, and are no episodes.
+    Names that begin with a dot are half-written or put aside, and are no episodes. Nor are links
+    and special files: a dataset could lead anywhere by them.
 
     Raises
     ------
     DamagedDataError
-        A folder cannot be read.
+        A folder cannot be read, or ``episodes`` is a link.
     """
-    import os  # scandir is an order of magnitude faster than pathlib here
-
     found = []
     base = root / EPISODES_FOLDER
     try:
+        if base.is_symlink():
+            raise DamagedDataError("is a link; links are not followed", where=base)
         if not base.is_dir():
             return []
+        # Scandir is an order of magnitude faster than pathlib here.
         with os.scandir(base) as folders:
             for folder in folders:
                 if folder.name.startswith(".") or not folder.is_dir(follow_symlinks=False):
@@ -110,11 +119,17 @@ def list_episodes(root: Path) -> list[str]:
                     found += [
                         f"{EPISODES_FOLDER}/{folder.name}/{entry.name}"
                         for entry in entries
-                        if entry.name.endswith(_SUFFIXES) and not entry.name.startswith(".")
+                        if entry.name.endswith(_SUFFIXES)
+                        and not entry.name.startswith(".")
+                        and (entry.is_dir(follow_symlinks=False) or _is_file(entry))
                     ]
     except OSError as error:
         raise DamagedDataError(f"cannot be read ({error.strerror})", where=base) from error
     return sorted(found)
+
+
+def _is_file(entry: "os.DirEntry[str]") -> bool:
+    return entry.is_file(follow_symlinks=False)
 
 
 def _label(label: Any) -> dict[str, Any]:
@@ -145,7 +160,7 @@ def catalog_row(episode: Episode, path: str) -> dict[str, Any]:
         above = 0.0
         if activity is not None and episode.derived is not None:
             above = _active_above(episode.derived.items[f"{name}/activity"], episode.path)
-        images = getattr(stream.metadata, "images", None)
+        images = images_of(stream.metadata)
         streams.append(
             {
                 "name": name,
@@ -261,18 +276,51 @@ def write_catalog(root: Path, table: "pa.Table") -> Path:
     return target
 
 
-def read_catalog(root: Path) -> "pa.Table | None":
-    """Read ``catalog.parquet``; None when it is missing, damaged or of another schema."""
+@contextmanager
+def open_catalog(root: Path) -> "Iterator[pq.ParquetFile]":
+    """Open ``catalog.parquet`` for reading; columns can be read without fear for memory.
+
+    Raises
+    ------
+    FileNotFoundError
+        It is not there.
+    DamagedDataError
+        It cannot be read, or asks for more memory than a catalog needs.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    from exumi_data.store.parquet_limits import footer_mistake, pages_mistake
+    from exumi_data.store.plain_files import is_plain_file
+
+    path = root / CATALOG_NAME
+    if not is_plain_file(path):
+        raise FileNotFoundError(path)
     try:
-        with pq.ParquetFile(root / CATALOG_NAME, page_checksum_verification=True) as file:
+        mistake = footer_mistake(path)
+        if mistake is None:
+            with pq.ParquetFile(path, page_checksum_verification=True) as file:
+                mistake = pages_mistake(path, file.metadata)
+                if mistake is None:
+                    yield file
+    except (pa.ArrowException, OSError, ValueError) as error:
+        first = str(error).partition("\n")[0]
+        raise DamagedDataError(f"cannot be read: {first}", where=path) from None
+    if mistake:
+        raise DamagedDataError(f"cannot be read: {mistake}", where=path)
+
+
+def read_catalog(root: Path) -> "pa.Table | None":
+    """Read ``catalog.parquet``; None when it is missing, damaged or of another schema."""
+    try:
+        with open_catalog(root) as file:
             table = file.read()
-        table.validate(full=True)
-    except (pa.ArrowException, OSError, ValueError):
+            table.validate(full=True)
+    except (FileNotFoundError, DamagedDataError):
         return None
-    return table if all(_has(table, field) for field in catalog_schema()) else None
+    if not all(_has(table, field) for field in catalog_schema()):
+        return None
+    return table if all(_ID.fullmatch(one) for one in table.column("id").to_pylist()) else None
 
 
 def _has(table: "pa.Table", field: "pa.Field") -> bool:

@@ -11,6 +11,7 @@ from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import DamagedDataError, NotAnEpisodeError, UsageError
 from exumi_data.model.dataset import DatasetMetadata, SplitDocument
 from exumi_data.model.documents import MAX_DOCUMENT_BYTES, dump, parse_dataset, parse_split
+from exumi_data.store.plain_files import read_plain
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -198,7 +199,7 @@ class Dataset:
         for name in self.metadata.splits:
             path = Path(self.path, "splits", f"{name}.json")
             try:
-                found[name] = parse_split(path.read_bytes(), path)
+                found[name] = parse_split(read_plain(path, MAX_DOCUMENT_BYTES), path)
             except FileNotFoundError:
                 raise DamagedDataError(
                     f"dataset.json names a split {name!r} that is not there", where=path
@@ -229,18 +230,13 @@ def open_dataset(path: str | os.PathLike[str]) -> Dataset:
 
     root = Path(path)
     try:
-        with (root / DATASET_DOCUMENT).open("rb") as file:
-            raw = file.read(MAX_DOCUMENT_BYTES + 1)
-    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+        raw = read_plain(root / DATASET_DOCUMENT, MAX_DOCUMENT_BYTES)
+    except FileNotFoundError:
         raise NotAnEpisodeError(
             "no dataset.json: not an exUMI dataset",
             where=path,
             fix="Make one with: exumi convert SRC DST",
         ) from None
-    except OSError as error:
-        raise DamagedDataError(
-            f"cannot be read ({error.strerror})", where=root / DATASET_DOCUMENT
-        ) from error
     metadata = parse_dataset(raw, root / DATASET_DOCUMENT)
     table = catalogs.read_catalog(root)
     present = catalogs.list_episodes(root)

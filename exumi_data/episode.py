@@ -13,7 +13,7 @@ from exumi_data.errors import DamagedDataError, NotAnEpisodeError, UsageError
 from exumi_data.model.documents import parse_derived, parse_episode
 from exumi_data.model.episode import DerivedMetadata, EpisodeMetadata
 from exumi_data.model.images import EncodedImages, VideoImages
-from exumi_data.model.streams import StreamModel
+from exumi_data.model.streams import StreamModel, images_of
 from exumi_data.store.access import FolderStore, ZipStore, open_store
 
 if TYPE_CHECKING:
@@ -131,13 +131,13 @@ class StreamView:
     @property
     def is_image(self) -> bool:
         """Whether the stream holds frames."""
-        return getattr(self.metadata, "images", None) is not None
+        return images_of(self.metadata) is not None
 
     @cached_property
     def _frame_source(self) -> object:
         from exumi_data.store.images import open_frames  # needs an image codec
 
-        images = getattr(self.metadata, "images", None)
+        images = images_of(self.metadata)
         if images is None:
             raise UsageError(
                 f"stream {self.name!r} is of kind {self.kind} and has no frames",
@@ -170,7 +170,7 @@ class StreamView:
         UsageError
             The stream's frames are no files of their own.
         """
-        if not isinstance(getattr(self.metadata, "images", None), EncodedImages):
+        if not isinstance(images_of(self.metadata), EncodedImages):
             raise UsageError(
                 f"frames of stream {self.name!r} are not stored as files of their own",
                 where=self._episode.path,
@@ -200,7 +200,7 @@ class StreamView:
         UsageError
             The stream is not stored as video.
         """
-        if not isinstance(getattr(self.metadata, "images", None), VideoImages):
+        if not isinstance(images_of(self.metadata), VideoImages):
             raise UsageError(
                 f"stream {self.name!r} is not stored as video", where=self._episode.path
             )
@@ -340,7 +340,8 @@ class Episode:
     @property
     def duration_s(self) -> float:
         """From the first to the last sample of any stream, seconds."""
-        ends = [(s.time[0], s.time[-1]) for s in self._streams.values() if len(s.time)]
+        # Python's integers: the difference of two hostile times does not fit into 64 bits.
+        ends = [(int(s.time[0]), int(s.time[-1])) for s in self._streams.values() if len(s.time)]
         if not ends:
             return 0.0
         return float(max(b for _, b in ends) - min(a for a, _ in ends)) * 1e-9

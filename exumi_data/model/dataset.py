@@ -50,4 +50,4 @@ class SplitDocument(Model):
     """What is kept together: all episodes of an object or part fall into the same list."""
     seed: int | None = None
     method: str | None = None
-    lists: dict[Identifier, list[EpisodeId]]
+    lists: dict[Identifier, Annotated[list[EpisodeId], Field(fail_fast=True)]]

@@ -20,6 +20,14 @@ from exumi_data.model.episode import (
     DerivedMetadata,
     EpisodeMetadata,
 )
+from exumi_data.model.json_limits import (
+    MAX_DOCUMENT_BYTES,
+    MAX_DOCUMENT_PARTS,
+    MAX_LIST_PARTS,
+    is_too_deep,
+    size_mistake,
+)
+from exumi_data.model.manifest import MANIFEST_FORMAT, Manifest
 
 __all__ = [
     "KNOWN_FEATURES",
@@ -35,6 +43,7 @@ __all__ = [
     "parse_dataset",
     "parse_derived",
     "parse_episode",
+    "parse_manifest",
     "parse_split",
     "problems_of",
 ]
@@ -42,22 +51,28 @@ __all__ = [
 KNOWN_FEATURES: frozenset[str] = frozenset()
 """Entries of ``requires`` that this version understands: 1.0 defines none."""
 
-MAX_DOCUMENT_BYTES = 64 << 20
-"""Size of the largest metadata document that is read."""
-
 M = TypeVar("M", bound=Model)
 
 
-def load_json(raw: bytes, where: object) -> dict[str, Any]:
+def load_json(raw: bytes, where: object, *, most_parts: int = MAX_DOCUMENT_PARTS) -> dict[str, Any]:
     """Parse a JSON object.
+
+    Parameters
+    ----------
+    raw : bytes
+    where : object
+        Named in errors.
+    most_parts : int
+        See `json_limits`.
 
     Raises
     ------
     MetadataError
-        Not UTF-8, not JSON, not an object, or larger than 64 MiB.
+        Not UTF-8, not JSON, not an object, or beyond the limits of `json_limits`.
     """
-    if len(raw) > MAX_DOCUMENT_BYTES:
-        raise MetadataError("metadata document is larger than 64 MiB", where=where)
+    mistake = size_mistake(raw, most_parts=most_parts)
+    if mistake:
+        raise MetadataError(mistake, where=where)
     try:
         value = json.loads(raw.decode(), parse_constant=_refuse_constant, parse_float=_finite_float)
     except RecursionError:
@@ -68,6 +83,8 @@ def load_json(raw: bytes, where: object) -> dict[str, Any]:
         ) from None
     if not isinstance(value, dict):
         raise MetadataError("expected a JSON object", where=where)
+    if is_too_deep(value, raw):
+        raise MetadataError("JSON is nested too deeply", where=where)
     return value
 
 
@@ -253,9 +270,16 @@ def parse_dataset(raw: bytes, where: object) -> DatasetMetadata:
 
 def parse_split(raw: bytes, where: object) -> SplitDocument:
     """Parse ``splits/<name>.json``."""
-    document = load_json(raw, where)
+    document = load_json(raw, where, most_parts=MAX_LIST_PARTS)
     newer = check_version(document, "exumi-split", where)
     return _validate(SplitDocument, document, newer=newer, where=where)
+
+
+def parse_manifest(raw: bytes, where: object) -> Manifest:
+    """Parse ``manifest.json``."""
+    document = load_json(raw, where, most_parts=MAX_LIST_PARTS)
+    newer = check_version(document, MANIFEST_FORMAT, where)
+    return _validate(Manifest, document, newer=newer, where=where)
 
 
 def dump(model: Model) -> dict[str, Any]:

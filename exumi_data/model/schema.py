@@ -5,6 +5,7 @@ from typing import Any
 from exumi_data.model.base import Model
 from exumi_data.model.dataset import DatasetMetadata, SplitDocument
 from exumi_data.model.episode import FORMAT_VERSION, DerivedMetadata, EpisodeMetadata
+from exumi_data.model.manifest import Manifest
 
 __all__ = ["DOCUMENTS", "json_schema"]
 
@@ -13,6 +14,7 @@ DOCUMENTS: dict[str, type[Model]] = {
     "derived": DerivedMetadata,
     "dataset": DatasetMetadata,
     "split": SplitDocument,
+    "manifest": Manifest,
 }
 
 

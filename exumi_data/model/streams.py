@@ -13,7 +13,7 @@ from exumi_data.model.base import (
     Rational,
 )
 from exumi_data.model.clock import Clock, Gap
-from exumi_data.model.images import Images
+from exumi_data.model.images import ArrayImages, EncodedImages, Images, VideoImages
 
 __all__ = [
     "ExtensionStream",
@@ -29,6 +29,7 @@ __all__ = [
     "TaxelsStream",
     "WidthStream",
     "WrenchStream",
+    "images_of",
 ]
 
 
@@ -176,3 +177,13 @@ Stream = Annotated[
         custom_error_message="unknown stream kind; a third party's kind is named vendor:name",
     ),
 ]
+
+
+def images_of(stream: StreamModel) -> ArrayImages | EncodedImages | VideoImages | None:
+    """Return how a stream's frames are stored; None for a stream without frames.
+
+    A third party's stream, or one of a newer version, may have a key ``images`` that means
+    something else.
+    """
+    images = getattr(stream, "images", None)
+    return images if isinstance(images, ArrayImages | EncodedImages | VideoImages) else None

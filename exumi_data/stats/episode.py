@@ -10,6 +10,7 @@ import numpy.typing as npt
 from exumi_data.episode import Episode, StreamView
 from exumi_data.errors import DamagedDataError, LimitError
 from exumi_data.model.description import Label
+from exumi_data.model.streams import images_of
 from exumi_data.tactile.activity import ACTIVE_THRESHOLD
 from exumi_data.ticks import image_tolerance_ns, max_gap_ns, tick_times_ns
 from exumi_data.time import RateStatistics, bracket_indices, nearest_indices, rate_statistics
@@ -236,7 +237,7 @@ def _stream(
     episode: Episode, stream: StreamView, time: Times, size: int, usable: int
 ) -> StreamMeasure:
     meta = stream.metadata
-    images = getattr(meta, "images", None)
+    images = images_of(meta)
     active = _active(episode, stream) if stream.kind == "tactile" else None
     return StreamMeasure(
         name=stream.name,

@@ -5,6 +5,7 @@ episode reads as fast as a folder, and one object can be shared by threads and f
 """
 
 import errno
+import io
 import os
 import stat
 import struct
@@ -17,13 +18,15 @@ from typing import Protocol
 from exumi_data.errors import DamagedDataError, ExumiError, LimitError, NotAnEpisodeError
 from exumi_data.store.paths import check_member_path
 
-__all__ = ["FolderStore", "OpenFiles", "Store", "ZipStore", "open_store"]
+__all__ = ["BoundedFile", "FolderStore", "OpenFiles", "Store", "ZipStore", "open_store"]
 
 _LOCAL_MAGIC = b"PK\x03\x04"
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")
 _ENCRYPTED = 0x1
 _DATA_DESCRIPTOR = 0x8
 _MAX_WHOLE_FILE = 64 << 20
+_MAX_DIRECTORY = 16 << 20
+_DEEPEST = 32
 
 
 class Store(Protocol):
@@ -246,7 +249,9 @@ def _link_error(path: str, where: str) -> DamagedDataError:
     return DamagedDataError(f"{path} is a link; links are not followed", where=where)
 
 
-def _walk(root: str, prefix: str) -> Iterator[str]:
+def _walk(root: str, prefix: str, depth: int = 0) -> Iterator[str]:
+    if depth > _DEEPEST:
+        raise DamagedDataError("folders are nested too deeply", where=f"{root}/{prefix}")
     with os.scandir(f"{root}/{prefix}" if prefix else root) as entries:
         for entry in entries:
             path = f"{prefix}/{entry.name}" if prefix else entry.name
@@ -254,11 +259,25 @@ def _walk(root: str, prefix: str) -> Iterator[str]:
             if entry.is_symlink():
                 raise _link_error(path, root)
             if entry.is_dir():
-                yield from _walk(root, path)
+                yield from _walk(root, path, depth + 1)
             elif entry.is_file():
                 yield path
             else:
                 raise DamagedDataError(f"{path} is neither a file nor a folder", where=root)
+
+
+class BoundedFile(io.FileIO):
+    """A zip as `zipfile` may read it: its directory at once, but none of a hundred megabytes.
+
+    Each entry takes ten times its bytes in memory.
+    """
+
+    def read(self, size: int | None = -1) -> bytes:
+        """Read; raises `ValueError` where more is asked for than a directory has."""
+        if size is not None and size > _MAX_DIRECTORY:
+            msg = f"a directory of {size:,} bytes"
+            raise ValueError(msg)
+        return super().read(size) or b""
 
 
 class ZipStore:
@@ -282,7 +301,7 @@ class ZipStore:
 
     def _read_directory(self) -> dict[str, tuple[int, int]]:
         try:
-            with zipfile.ZipFile(self.location) as archive:
+            with BoundedFile(self._real) as file, zipfile.ZipFile(file) as archive:
                 infos = archive.infolist()
         except (
             zipfile.BadZipFile,
@@ -323,6 +342,9 @@ class ZipStore:
                     fix="Unpack it elsewhere and pack it again with: exumi pack",
                 )
             members[name] = (info.header_offset, info.file_size)
+        if sum(size for _, size in members.values()) > self._file_size:
+            # Bytes that belong to many members would make much data from a small file.
+            raise DamagedDataError("members overlap", where=self.location)
         return members
 
     def _locate(self, path: str) -> tuple[int, int]:

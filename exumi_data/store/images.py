@@ -15,8 +15,8 @@ from exumi_data.errors import DamagedDataError, LimitError, UsageError
 from exumi_data.model.images import ArrayImages, EncodedImages, VideoImages
 from exumi_data.store import jpeg
 from exumi_data.store.access import Store
-from exumi_data.store.shards import ArrayReader, ZarrReader, crc32c, open_array
-from exumi_data.store.zarr_reader import MAX_WHOLE_READ
+from exumi_data.store.shards import ArrayReader, crc32c, open_array
+from exumi_data.store.zarr_document import MAX_WHOLE_READ
 
 if TYPE_CHECKING:
     from exumi_data.store.video import VideoFrames
@@ -234,7 +234,7 @@ class EncodedFrames:
         return self._count
 
     @cached_property
-    def _data(self) -> ArrayReader | ZarrReader:
+    def _data(self) -> ArrayReader:
         data = open_array(self._store, f"{self._path}/data")
         if len(data.shape) != 1 or data.dtype != np.uint8:
             raise DamagedDataError("`data` is not one-dimensional uint8", where=self._where)
@@ -366,14 +366,20 @@ class VideoStreamFrames:
         video.frames.read_into(index - video.first, out)
 
     def _open_file(self, file: int) -> "_OpenVideo":
-        from exumi_data.store.video import VideoFrames  # PyAV is slow to import
+        from exumi_data.store.video import VideoFrames, most_pixels  # PyAV is slow to import
 
         first, last = np.searchsorted(self.file_index, [file, file + 1])
         keyframe = self.keyframe[first:last].astype(np.int64) - first
         if (keyframe < 0).any():
             raise DamagedDataError("`keyframe` points into another file", where=self._where)
         where = f"{self._where} ({self._images.files[file].name})"
-        frames = VideoFrames(self.container(file), self.pts[first:last], keyframe, where)
+        frames = VideoFrames(
+            self.container(file),
+            self.pts[first:last],
+            keyframe,
+            where,
+            pixels=most_pixels(self._images.height, self._images.width),
+        )
         return _OpenVideo(int(first), frames)
 
 

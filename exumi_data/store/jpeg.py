@@ -9,6 +9,8 @@ __all__ = ["comment", "decode_into", "encode", "is_jpeg", "size_of"]
 
 _SOI, _EOI = b"\xff\xd8", b"\xff\xd9"
 _COM, _SOS = 0xFE, 0xDA
+_SCAN = b"\xff\xda"
+_MAX_SCANS = 64  # progressive ones of every writer have about ten
 _CHANNELS = {"Gray": 1, "YCbCr": 3, "RGB": 3}
 
 
@@ -59,6 +61,10 @@ def decode_into(data: bytes, out: np.ndarray) -> None:
     DamagedDataError
         The JPEG is damaged, or its size is not that of `out`.
     """
+    # Each scan goes over the whole picture, and one of ten bytes can be repeated a thousand times.
+    # Inside the data of a scan there can be no such marker.
+    if data.count(_SCAN) > _MAX_SCANS:
+        raise DamagedDataError(f"the JPEG has more than {_MAX_SCANS} scans")
     try:
         decoded = simplejpeg.decode_jpeg(data, "GRAY" if out.shape[2] == 1 else "RGB", buffer=out)
     except ValueError as error:

@@ -20,14 +20,13 @@ from exumi_data.store.access import Store
 from exumi_data.store.zarr_document import (
     DTYPES,
     MAX_SHARD_BYTES,
+    MAX_WHOLE_READ,
     ArrayDocument,
-    ForeignLayoutError,
     array_document,
     parse_array,
 )
-from exumi_data.store.zarr_reader import MAX_WHOLE_READ, ZarrReader
 
-__all__ = ["ArrayReader", "ArrayWriter", "Bytes", "ZarrReader", "crc32c", "open_array"]
+__all__ = ["ArrayReader", "ArrayWriter", "Bytes", "crc32c", "open_array"]
 
 Bytes = bytes | bytearray | memoryview
 
@@ -447,8 +446,8 @@ def _zstd_content_size(raw: bytes) -> int | None:
     return int.from_bytes(raw[start : start + width], "little") + (256 if width == 2 else 0)
 
 
-def open_array(store: Store, path: str) -> ArrayReader | ZarrReader:
-    """Open an array: by the fast reader where its layout is the standard one.
+def open_array(store: Store, path: str) -> ArrayReader:
+    """Open an array.
 
     Raises
     ------
@@ -456,6 +455,8 @@ def open_array(store: Store, path: str) -> ArrayReader | ZarrReader:
         No such array, or its document is broken.
     LimitError
         It asks for more memory than it may.
+    UnsupportedError
+        It is stored in another layout than the standard's.
     """
     where = f"{store.location}/{path}"
     try:
@@ -464,8 +465,4 @@ def open_array(store: Store, path: str) -> ArrayReader | ZarrReader:
         raise DamagedDataError(
             "array is missing", where=where, fix="Copy the episode again from its source."
         ) from None
-    try:
-        document = parse_array(raw, where)
-    except ForeignLayoutError:
-        return ZarrReader(store, path)
-    return ArrayReader(store, path, document)
+    return ArrayReader(store, path, parse_array(raw, where))

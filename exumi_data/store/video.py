@@ -12,15 +12,23 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
 
 from exumi_data.errors import DamagedDataError, SourceError
+from exumi_data.store.mp4_tables import tables_mistake
 
 __all__ = [
     "LIMITED_TO_FULL",
+    "MAX_PIXELS",
     "FramePixels",
     "MjpegPackets",
     "VideoDecoder",
     "VideoFrames",
+    "most_pixels",
     "probe_video",
 ]
+
+MAX_PIXELS = 1 << 25
+"""Pixels of the largest frame that is decoded: more than 8K has."""
+_MARGIN = 128  # decoders fill up the edges
+_LEAST_PIXELS = 1 << 20  # and have buffers that do not shrink with the picture
 
 _EXTENSIONS = {
     ".mov": "video/quicktime",
@@ -93,10 +101,18 @@ class FramePixels:
 _CONTAINERS_ONLY = {"format_whitelist": "mov,avi,matroska,webm"}
 
 
-def _open(source: bytes | str | IO[bytes], where: object) -> Any:
+def most_pixels(height: int, width: int) -> int:
+    """Return the limit of pixels for a video whose metadata gives this size."""
+    return min(MAX_PIXELS, max(_LEAST_PIXELS, (height + _MARGIN) * (width + _MARGIN)))
+
+
+def _open(source: bytes | str | IO[bytes], where: object, pixels: int) -> Any:
     file = io.BytesIO(source) if isinstance(source, bytes) else source
+    _check_tables(file, where)
+    # Twice: while the container is looked through, and in the decoder itself.
+    limit = {"max_pixels": str(pixels)}
     try:
-        container = av.open(file, options=_CONTAINERS_ONLY)
+        container = av.open(file, options=_CONTAINERS_ONLY | limit)
     except (av.FFmpegError, OSError, ValueError) as error:
         raise SourceError(
             f"not a readable video ({_short(error)})",
@@ -106,8 +122,26 @@ def _open(source: bytes | str | IO[bytes], where: object) -> Any:
     if not container.streams.video:
         container.close()
         raise SourceError("the file holds no video stream", where=where)
-    container.streams.video[0].codec_context.thread_count = 1
+    context = container.streams.video[0].codec_context
+    if context is None:  # PyAV's stubs do not know of streams that nothing decodes
+        container.close()  # type: ignore[unreachable]
+        raise SourceError("there is no decoder for the video", where=where)
+    context.thread_count = 1
+    context.options = limit
     return container
+
+
+def _check_tables(file: str | IO[bytes], where: object) -> None:
+    try:
+        if isinstance(file, str):
+            with open(file, "rb") as opened:  # noqa: PTH123  # a name, as av.open takes it
+                mistake = tables_mistake(opened)
+        else:
+            mistake = tables_mistake(file)
+    except OSError:
+        return  # it is told by who opens it
+    if mistake:
+        raise SourceError(f"not a readable video ({mistake})", where=where)
 
 
 def _short(error: Exception) -> str:
@@ -123,6 +157,8 @@ class VideoDecoder:
         The file's bytes, its path, or something to read and seek in.
     where : object
         Named in errors.
+    pixels : int
+        Most pixels of a frame.
 
     Attributes
     ----------
@@ -140,9 +176,11 @@ class VideoDecoder:
         Why decoding ended before the end of the file, once it has.
     """
 
-    def __init__(self, source: bytes | str | IO[bytes], where: object) -> None:
+    def __init__(
+        self, source: bytes | str | IO[bytes], where: object, *, pixels: int = MAX_PIXELS
+    ) -> None:
         self.where = where
-        self._container = _open(source, where)
+        self._container = _open(source, where, pixels)
         stream = self._container.streams.video[0]
         self._stream = stream
         context = stream.codec_context
@@ -180,8 +218,19 @@ class VideoDecoder:
             self.problem = _short(error)
 
     def seek(self, pts: int) -> None:
-        """Go to the keyframe at or before `pts`."""
-        self._container.seek(pts, stream=self._stream, backward=True)
+        """Go to the keyframe at or before `pts`.
+
+        Raises
+        ------
+        DamagedDataError
+            There is no such place in the file.
+        """
+        try:
+            self._container.seek(pts, stream=self._stream, backward=True)
+        except (av.FFmpegError, OSError, ValueError, OverflowError) as error:
+            raise DamagedDataError(
+                f"pts {pts} cannot be found ({_short(error)})", where=self.where
+            ) from None
 
     def packets(self) -> Iterator[Any]:
         """Yield the packets of the video stream, undecoded."""
@@ -217,12 +266,20 @@ class VideoFrames:
         For each frame, the index of the frame to start decoding from.
     where : object
         Named in errors.
+    pixels : int
+        Most pixels of a frame.
     """
 
     def __init__(
-        self, source: bytes | str, pts: np.ndarray, keyframe: np.ndarray, where: object
+        self,
+        source: bytes | str,
+        pts: np.ndarray,
+        keyframe: np.ndarray,
+        where: object,
+        *,
+        pixels: int = MAX_PIXELS,
     ) -> None:
-        self._decoder = VideoDecoder(source, where)
+        self._decoder = VideoDecoder(source, where, pixels=pixels)
         self._pts = pts
         self._keyframe = keyframe
         self._pixels = FramePixels()

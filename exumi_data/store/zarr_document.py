@@ -1,7 +1,7 @@
 """The ``zarr.json`` of an array: the part of Zarr v3 that the format uses.
 
-Writers make exactly these documents. The fast reader takes what `parse_array` understands;
-any other valid Zarr v3 array goes through zarr-python.
+Writers make exactly these documents, and readers take no others. What they would have to trust in
+other layouts has no bound: a chain of codecs makes terabytes of a kilobyte.
 """
 
 import json
@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from pydantic_core import to_json
 
-from exumi_data.errors import DamagedDataError, LimitError
+from exumi_data.errors import DamagedDataError, LimitError, UnsupportedError
 
 __all__ = [
     "DTYPES",
     "MAX_CHUNK_BYTES",
     "MAX_SHARD_BYTES",
+    "MAX_WHOLE_READ",
     "ArrayDocument",
-    "ForeignLayoutError",
     "array_document",
     "layout_of",
     "parse_array",
@@ -30,11 +30,10 @@ DTYPES: frozenset[str] = frozenset(
 ) | frozenset(("float32", "float64"))
 MAX_SHARD_BYTES = 64 << 20
 MAX_CHUNK_BYTES = 256 << 20
+MAX_WHOLE_READ = 2 << 30
+"""Bytes of an array that are read at once."""
 _MAX_CHUNKS = 1 << 26
-
-
-class ForeignLayoutError(Exception):
-    """A valid array in a layout that the fast reader does not take."""
+_MAX_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +148,14 @@ def _is_little(codec: dict[str, Any]) -> bool:
     return bool((codec.get("configuration") or {}).get("endian", "little") == "little")
 
 
+def _foreign(what: str, where: object) -> UnsupportedError:
+    return UnsupportedError(
+        f"the array is stored in a layout that is not the standard's ({what})",
+        where=where,
+        fix="Read it with zarr.open_array, and write the episode again.",
+    )
+
+
 def parse_array(raw: bytes, where: object) -> ArrayDocument:
     """Parse the ``zarr.json`` of an array.
 
@@ -157,10 +164,13 @@ def parse_array(raw: bytes, where: object) -> ArrayDocument:
     DamagedDataError
         Not an array document.
     LimitError
-        An inner chunk larger than 256 MiB, or more than 2**26 chunks: nothing we wrote.
-    ForeignLayoutError
-        A layout that only zarr-python reads.
+        A document larger than 1 MiB, an inner chunk larger than 256 MiB, or more than 2**26
+        chunks: nothing we wrote.
+    UnsupportedError
+        A layout that is not the standard's.
     """
+    if len(raw) > _MAX_BYTES:
+        raise LimitError(f"a zarr.json of {len(raw):,} bytes", where=where)
     try:
         document = json.loads(raw)
     except (ValueError, RecursionError) as error:
@@ -177,14 +187,14 @@ def layout_of(document: object, where: object) -> ArrayDocument:
     shape = _sizes(document.get("shape"), where, "shape")
     data_type = document.get("data_type")
     if not isinstance(data_type, str) or data_type not in DTYPES or not shape:
-        raise ForeignLayoutError(f"data type {data_type!r}, shape {shape}")
+        raise _foreign(f"data type {str(data_type)[:40]!r}, shape {list(shape[:8])}", where)
     dtype = np.dtype(data_type).newbyteorder("<")
     try:
         grid = _sizes(document["chunk_grid"]["configuration"]["chunk_shape"], where, "chunk_shape")
         (codec,) = document["codecs"]
         separator = document["chunk_key_encoding"].get("configuration", {}).get("separator", "/")
         if _codec_name(codec) != "sharding_indexed" or separator != "/":
-            raise ForeignLayoutError("not sharded")
+            raise _foreign("it is not sharded", where)
         configuration = codec["configuration"]
         inner = _sizes(configuration["chunk_shape"], where, "chunk_shape")
         codecs = configuration["codecs"]
@@ -194,7 +204,7 @@ def layout_of(document: object, where: object) -> ArrayDocument:
         chain = [_codec_name(item) for item in codecs]
         little = _is_little(codecs[0]) and _is_little(configuration["index_codecs"][0])
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
-        raise ForeignLayoutError("codecs or chunk grid") from None
+        raise _foreign("codecs or chunk grid", where) from None
     standard = (
         location == "end"
         and index_codecs == ["bytes", "crc32c"]
@@ -210,7 +220,7 @@ def layout_of(document: object, where: object) -> ArrayDocument:
         and grid[0] % inner[0] == 0
     )
     if not standard:
-        raise ForeignLayoutError("codecs or chunk grid")
+        raise _foreign("codecs or chunk grid", where)
     parsed = ArrayDocument(
         shape,
         dtype,

@@ -2,17 +2,27 @@
 
 import json
 import os
+import shutil
+import struct
 import tracemalloc
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import exumi_data
+from exumi_data.dataset import open_dataset
+from exumi_data.episode import open_episode
+from exumi_data.errors import DamagedDataError, NotAnEpisodeError
+from exumi_data.store.access import ZipStore
 from exumi_data.store.pack import pack
+from exumi_data.store.shards import ArrayWriter
 from exumi_validators import validate
-from tests.exumi_data.builders import edit_json, edit_metadata
+from exumi_validators.listing import list_folder
+from tests.exumi_data.builders import edit_json, edit_metadata, write_dataset
 
 Codes = Callable[[Path], list[str]]
 CORPUS = Path(__file__).resolve().parents[2] / "spec" / "conformance" / "1.0"
@@ -57,7 +67,7 @@ def test_metadata_nested_as_deep_as_json_goes(episode: Path, codes: Codes) -> No
         exumi["acme:deep"] = deep
 
     edit_metadata(episode, nest)
-    assert codes(episode) == ["META-002"]
+    assert codes(episode) == ["DOC-001"]
 
 
 @pytest.mark.parametrize("value", [None, 3, "x", [], {}, [[]], {"": {}}, True])
@@ -248,3 +258,178 @@ def test_spoiled_files_end_in_a_report(tmp_path: Path, seed: int) -> None:
             copy.write_bytes(spoil(data, random) if file == chosen else data)
         report = validate(target, workers=1)
         assert report.coverage.unchecked == (), f"{chosen}, seed {seed}, number {number}"
+
+
+# ----------------------------------------------------------------------------------- around a store
+
+
+def pipe_at(path: Path) -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.unlink(missing_ok=True)
+    os.mkfifo(path)
+
+
+def link_at(path: Path) -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.unlink(missing_ok=True)
+    path.symlink_to("/etc/passwd")
+
+
+@pytest.mark.parametrize("make", [pipe_at, link_at])
+@pytest.mark.parametrize(
+    "name", ["catalog.parquet", "splits/x.json", "manifest.json", "episodes/a1/x.zarr.zip"]
+)
+def test_pipes_and_links_in_a_dataset(
+    tmp_path: Path, make: Callable[[Path], None], name: str
+) -> None:
+    root = write_dataset(tmp_path / "d", 1)
+    make(root / name)
+    report = validate(root)
+    assert report.coverage.unchecked == ()
+    (found,) = [problem for problem in report.problems if problem.code == "SAFE-002"]
+    assert found.location.path == name
+    assert report.coverage.episodes == 1
+
+
+def test_an_episode_that_is_a_link_is_neither_listed_nor_followed(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path / "d", 2)
+    (episode, _) = sorted((root / "episodes").glob("*/*"))
+    episode.rename(tmp_path / "elsewhere.zarr")
+    episode.symlink_to(tmp_path / "elsewhere.zarr")
+    report = validate(root)
+    assert report.codes()["SAFE-002"] == 1
+    assert report.coverage.episodes == 1
+    with pytest.warns(exumi_data.CatalogWarning):
+        assert len(list(exumi_data.open(root))) == 1
+
+
+def test_all_episodes_behind_a_link(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path / "d", 1)
+    (root / "episodes").rename(tmp_path / "elsewhere")
+    (root / "episodes").symlink_to(tmp_path / "elsewhere")
+    assert validate(root).codes()["SAFE-002"] == 1
+    with pytest.raises(DamagedDataError, match="is a link"):
+        exumi_data.open(root)
+
+
+@pytest.mark.parametrize("make", [pipe_at, link_at])
+def test_a_head_or_split_that_is_no_file_is_refused(
+    tmp_path: Path, make: Callable[[Path], None]
+) -> None:
+    root = write_dataset(tmp_path / "d", 1, splits=["x"])
+    make(root / "splits" / "x.json")
+    opened = exumi_data.open(root)
+    assert isinstance(opened, exumi_data.Dataset)
+    with pytest.raises(DamagedDataError, match=r"is a link|is no file"):
+        _ = opened.splits
+    make(root / "dataset.json")
+    with pytest.raises(DamagedDataError, match=r"is a link|is no file"):
+        open_dataset(root)
+
+
+@pytest.mark.parametrize("make", [pipe_at, lambda path: None])
+def test_a_path_that_is_no_file_or_folder(tmp_path: Path, make: Callable[[Path], None]) -> None:
+    make(tmp_path / "x.zarr.zip")
+    with pytest.raises(NotAnEpisodeError):
+        validate(tmp_path / "x.zarr.zip")
+
+
+def test_a_folder_that_may_not_be_listed_is_said_to_be() -> None:
+    # Whoever runs as root may list all; this one is not there, which takes the same path.
+    assert list_folder("/nowhere").closed == {".": "No such file or directory"}
+
+
+def test_a_thousand_nested_folders(episode: Path, codes: Codes) -> None:
+    deep = episode / "/".join(["d"] * 900)
+    deep.mkdir(parents=True)
+    (deep / "x").write_text("")
+    assert codes(episode) == ["SAFE-002"]
+    with pytest.raises(DamagedDataError, match="nested too deeply"):
+        open_episode(episode).digest()
+
+
+def test_a_zip_whose_directory_fills_the_memory(tmp_path: Path) -> None:
+    """Half a million entries of one empty member."""
+    entry = struct.pack("<4s6H3L5H2L", b"PK\x01\x02", *[0] * 9, 1, *[0] * 6) + b"a"
+    count = (20 << 20) // len(entry)
+    directory = entry * count
+    end = struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, 65535, 65535, len(directory), 31, 0)
+    path = tmp_path / "x.zarr.zip"
+    path.write_bytes(b"PK\x03\x04" + bytes(27) + directory + end)
+    tracemalloc.start()
+    report = validate(path)
+    with pytest.raises(DamagedDataError, match="a directory of 20,971,"):
+        ZipStore(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert report.codes() == {"PACK-001": 1}
+    assert peak < 10 << 20
+
+
+def test_a_zip_whose_members_share_their_bytes(tmp_path: Path, episode: Path) -> None:
+    archive = pack(episode)
+    data = bytearray(archive.read_bytes())
+    starts, at = [], data.find(b"PK\x01\x02")
+    while at >= 0:
+        starts.append(at)
+        at = data.find(b"PK\x01\x02", at + 46)
+    for at in starts:  # each says that it is nearly as long as the whole file
+        offset = int.from_bytes(data[at + 42 : at + 46], "little")
+        length = max(0, starts[0] - offset - 400).to_bytes(4, "little")
+        data[at + 20 : at + 28] = length * 2
+    archive.write_bytes(data)
+    with pytest.raises(DamagedDataError, match="members overlap"):
+        ZipStore(archive)
+
+
+# ----------------------------------------------------------------------------------------- contents
+
+
+def test_a_third_party_may_mean_something_else_by_images(episode: Path) -> None:
+    def change(exumi: dict[str, Any]) -> None:
+        exumi["version"] = "1.9"
+        exumi["streams"]["smell"]["images"] = {"encoding": "video", "files": 3}
+        exumi["streams"]["pose"]["images"] = 7
+
+    edit_metadata(episode, change)
+    report = validate(episode)
+    assert report.coverage.unchecked == ()
+    assert set(report.codes()) <= {"META-004"}
+    with open_episode(episode) as opened:
+        assert not opened["smell"].is_image
+        assert len(opened["pose"].data) == 5
+
+
+def test_values_whose_squares_are_infinite(tmp_path: Path) -> None:
+    store = tmp_path / "store.zarr"
+    shutil.copytree(CORPUS / "valid" / "pose__minimal" / "store.zarr", store)
+    data = store / "streams/pose/data"
+    shutil.rmtree(data)
+    writer = ArrayWriter(data, "f8", (7,), chunk_rows=4, zstd=True, dimension_names=("time", "xyz"))
+    writer.append(np.full((4, 7), [1e308, -1e308, 0, 1e308, -1e308, 1e308, 1]))
+    writer.finish()
+    report = validate(store)
+    assert report.coverage.unchecked == ()
+    assert report.codes()["POSE-001"] == 1
+
+
+def test_times_whose_difference_does_not_fit(episode: Path) -> None:
+    for name, value in (("width", -(1 << 63)), ("pose", (1 << 63) - 1)):
+        folder = episode / "streams" / name / "time"
+        shutil.rmtree(folder)
+        writer = ArrayWriter(folder, "i8", (), chunk_rows=5, zstd=True, dimension_names=("time",))
+        writer.append(np.full(5, value, np.int64))
+        writer.finish()
+    assert validate(episode).coverage.unchecked == ()
+    assert open_episode(episode).duration_s == pytest.approx(2.0**64 * 1e-9)
+
+
+def test_a_split_of_a_million_mistakes(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path / "d", 1, splits=["x"])
+    (root / "splits").mkdir()
+    document = {"format": "exumi-split", "version": "1.0", "name": "x", "level": "part"}
+    wrong = {**document, "lists": {"a": [{}] * 600_000}}
+    (root / "splits" / "x.json").write_text(json.dumps(wrong))
+    report = validate(root)
+    assert report.codes()["META-002"] == 1
+    assert report.coverage.unchecked == ()

@@ -25,6 +25,7 @@ PLACES = {
     "derived": ("derived/zarr.json", ("attributes", "exumi")),
     "dataset": ("dataset.json", ()),
     "split": ("splits/default.json", ()),
+    "manifest": ("manifest.json", ()),
 }
 
 

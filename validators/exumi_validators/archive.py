@@ -8,9 +8,18 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from exumi_data.store.access import BoundedFile
+
 __all__ = ["ArchiveContext", "Member", "read_archive"]
 
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")
+_UNREADABLE = (
+    zipfile.BadZipFile,
+    ValueError,
+    OverflowError,
+    NotImplementedError,
+    struct.error,
+)
 _LOCAL_SIGNATURE = b"PK\x03\x04"
 
 
@@ -74,10 +83,10 @@ def read_archive(path: str | os.PathLike[str]) -> ArchiveContext:
     path : path-like
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with BoundedFile(os.fspath(path)) as raw, zipfile.ZipFile(raw) as archive:
             infos = archive.infolist()
             directory, comment = archive.start_dir, archive.comment
-    except (zipfile.BadZipFile, ValueError, OverflowError, NotImplementedError) as error:
+    except _UNREADABLE as error:
         return ArchiveContext(f"not a readable zip: {error}")
     with Path(path).open("rb") as file:
         size = os.fstat(file.fileno()).st_size

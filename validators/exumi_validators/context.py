@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import TypeAdapter
 
-from exumi_data.errors import DamagedDataError, ExumiError, LimitError
+from exumi_data.errors import DamagedDataError, ExumiError, LimitError, UnsupportedError
 from exumi_data.extensions import StreamKind, find_stream_kind
 from exumi_data.model.base import Model
 from exumi_data.model.description import CalibrationItem
@@ -20,7 +20,7 @@ from exumi_data.model.episode import (
     DerivedItem,
     EpisodeMetadata,
 )
-from exumi_data.model.streams import ExtensionStream, Stream, StreamModel
+from exumi_data.model.streams import ExtensionStream, Stream, StreamModel, images_of
 from exumi_data.standard import (
     ArraySpec,
     Rule,
@@ -32,7 +32,7 @@ from exumi_data.standard import (
 )
 from exumi_data.store.access import FolderStore, ZipStore
 from exumi_data.store.shards import ArrayReader
-from exumi_data.store.zarr_document import ArrayDocument, ForeignLayoutError, layout_of
+from exumi_data.store.zarr_document import ArrayDocument, layout_of
 from exumi_validators.expected_shapes import fits
 from exumi_validators.frame_statistics import FrameStatistics
 from exumi_validators.json_documents import LoadedDocument, load_document
@@ -312,7 +312,7 @@ class EpisodeContext:
         described = self.described_kind(stream)
         if described is not None:
             found |= {spec.name: spec for spec in described.arrays}
-        images = getattr(stream, "images", None)
+        images = images_of(stream)
         if images is not None:
             found |= encodings()[images.encoding].arrays
         return found
@@ -395,7 +395,7 @@ class EpisodeContext:
             return None
         try:
             return layout_of(node.document, path)
-        except (ForeignLayoutError, DamagedDataError, LimitError) as error:
+        except (UnsupportedError, DamagedDataError, LimitError) as error:
             self.unreadable[path] = f"the document cannot be understood: {error}"
             return None
 

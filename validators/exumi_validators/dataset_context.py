@@ -1,6 +1,7 @@
 """A dataset as the checks see it: its documents, its catalog, and the facts of its episodes."""
 
 import os
+import stat
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -8,14 +9,20 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter
 
-from exumi_data.catalog import CATALOG_NAME, EPISODES_FOLDER, list_episodes
+from exumi_data.catalog import CATALOG_NAME, EPISODES_FOLDER, list_episodes, open_catalog
 from exumi_data.dataset import DATASET_DOCUMENT
+from exumi_data.errors import DamagedDataError, ExumiError
+from exumi_data.manifest import MANIFEST_NAME
 from exumi_data.model.base import Model
 from exumi_data.model.dataset import DATASET_FORMAT, DatasetMetadata, SplitDocument
+from exumi_data.model.json_limits import MAX_DOCUMENT_BYTES, MAX_DOCUMENT_PARTS, MAX_LIST_PARTS
+from exumi_data.model.manifest import Manifest
 from exumi_data.standard import Rule, rules
+from exumi_data.store.plain_files import read_plain
 from exumi_validators.context import understood
 from exumi_validators.episode_run import EpisodeFacts
 from exumi_validators.json_documents import LoadedDocument, load_document
+from exumi_validators.listing import list_folder
 from exumi_validators.model_problems import parse_leniently
 
 __all__ = ["CatalogRows", "DatasetContext"]
@@ -62,7 +69,7 @@ class DatasetContext:
     @cached_property
     def episodes(self) -> list[str]:
         """Paths of all finished episodes."""
-        return list_episodes(self.root)
+        return [] if EPISODES_FOLDER in self.links else list_episodes(self.root)
 
     @cached_property
     def loaded(self) -> LoadedDocument | None:
@@ -70,13 +77,14 @@ class DatasetContext:
         return self._load(DATASET_DOCUMENT)
 
     def _load(self, path: str) -> LoadedDocument | None:
-        file = self.root / path
-        if not file.is_file():
-            return None
+        most = MAX_DOCUMENT_PARTS if path == DATASET_DOCUMENT else MAX_LIST_PARTS
         try:
-            return load_document(file.read_bytes(), path)
-        except OSError as error:
-            return LoadedDocument(path, mistake=f"cannot be read: {error}")
+            raw = read_plain(self.root / path, MAX_DOCUMENT_BYTES)
+            return load_document(raw, path, most_parts=most)
+        except FileNotFoundError:
+            return None
+        except ExumiError as error:
+            return LoadedDocument(path, mistake=error.what)
 
     @property
     def document(self) -> dict[str, Any] | None:
@@ -131,6 +139,21 @@ class DatasetContext:
         return {name: split for name, split in parsed.items() if split is not None}
 
     @cached_property
+    def manifest_file(self) -> LoadedDocument | None:
+        """``manifest.json``; None when it is not there."""
+        return self._load(MANIFEST_NAME)
+
+    @cached_property
+    def manifest(self) -> Manifest | None:
+        """The manifest, when it is valid."""
+        return self._parse(Manifest, self.manifest_file.value if self.manifest_file else None)
+
+    @cached_property
+    def files(self) -> dict[str, int]:
+        """Path to size of all files of the dataset; no link is followed."""
+        return list_folder(str(self.root)).files
+
+    @cached_property
     def by_id(self) -> dict[str, EpisodeFacts]:
         """Facts of the episodes by id."""
         return {facts.id: facts for facts in self.facts.values() if facts.id}
@@ -148,21 +171,25 @@ class DatasetContext:
             for entry in entries:
                 path = entry.relative_to(self.root).as_posix()
                 kind = _kind(entry.name)
-                if kind and path not in self.episodes:
+                if kind and path not in self.episodes and path not in self.links:
                     found.append((path, kind))
         return found
 
     @cached_property
+    def links(self) -> list[str]:
+        """Links and special files that stand where the dataset's own files or folders should."""
+        splits = self.root / "splits"
+        folders = [self.root / EPISODES_FOLDER, splits, *_inside(self.root / EPISODES_FOLDER)]
+        files = [self.root / name for name in (DATASET_DOCUMENT, CATALOG_NAME, MANIFEST_NAME)]
+        entries = [entry for folder in folders[2:] for entry in _inside(folder)]
+        found = [p for p in (*folders, *files, *_inside(splits), *entries) if _is_special(p)]
+        return sorted(path.relative_to(self.root).as_posix() for path in found)
+
+    @cached_property
     def catalog(self) -> CatalogRows | str:
         """The catalog's rows, or why it cannot be used."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        path = self.root / CATALOG_NAME
-        if not path.is_file():
-            return "catalog.parquet is missing"
         try:
-            with pq.ParquetFile(path) as file:
+            with open_catalog(self.root) as file:
                 lacking = sorted(set(_COMPARED) - set(file.schema_arrow.names))
                 if lacking:
                     return f"catalog.parquet lacks the columns {', '.join(lacking)}"
@@ -172,8 +199,25 @@ class DatasetContext:
                     return f"catalog.parquet lists {rows} episodes; there are {len(self.episodes)}"
                 table: list[dict[str, Any]] = file.read(columns=list(_COMPARED)).to_pylist()
                 return table
-        except (pa.ArrowException, OSError, ValueError) as error:
-            return f"catalog.parquet cannot be read: {str(error).splitlines()[0]}"
+        except FileNotFoundError:
+            return "catalog.parquet is missing"
+        except DamagedDataError as error:
+            return f"{CATALOG_NAME} {error.what}"
+
+
+def _inside(folder: Path) -> list[Path]:
+    """Return what lies in a folder that is one; hidden names are passed over."""
+    if folder.is_symlink() or not folder.is_dir():
+        return []
+    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+
+
+def _is_special(path: Path) -> bool:
+    try:
+        mode = path.lstat().st_mode
+    except OSError:
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
 def _kind(name: str) -> str | None:

@@ -37,7 +37,7 @@ from exumi_validators.checks import (
 from exumi_validators.config import Config
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import Collector, show
-from exumi_validators.listing import list_folder, list_zip
+from exumi_validators.listing import Listing, list_folder, list_zip
 from exumi_validators.plugins import installed
 from exumi_validators.registry import Check, checks_of
 from exumi_validators.report import Problem, Skipped, Unchecked
@@ -183,7 +183,7 @@ def validate_episode(
     Raises
     ------
     OSError
-        The file or folder itself cannot be opened or listed.
+        The file itself cannot be opened.
     """
     found = Collector(None if config is None else partial(config.revised, episode=member))
     limits = None if config is None else config.limits
@@ -203,7 +203,9 @@ def validate_episode(
         episode = EpisodeContext(store, list_zip(archive_store), limits)
     else:
         store = FolderStore(path)
-        episode = EpisodeContext(store, list_folder(path), limits)
+        listing = list_folder(path)
+        episode = EpisodeContext(store, listing, limits)
+        unchecked += [Unchecked(*item) for item in _closed(listing)]
     try:
         _judge(root_checks(), episode, levels, found, unchecked)
         if episode.judgeable:
@@ -213,6 +215,11 @@ def validate_episode(
         return _with_digest(result, episode) if with_digest else result
     finally:
         store.close()
+
+
+def _closed(listing: Listing) -> list[tuple[str, str, str]]:
+    """Folders that cannot be looked into: (path, what, reason)."""
+    return [(path, "the folder", why) for path, why in sorted(listing.closed.items())]
 
 
 def _with_digest(result: EpisodeResult, episode: EpisodeContext) -> EpisodeResult:

@@ -1,6 +1,6 @@
 """Shapes that the registry asks for, with the words filled in by a stream's metadata."""
 
-from exumi_data.model.streams import StreamModel
+from exumi_data.model.streams import StreamModel, images_of
 from exumi_data.standard import ArraySpec
 
 __all__ = ["fits", "shape_words"]
@@ -12,8 +12,8 @@ _GRID_WORDS = ("rows", "columns")
 def _size(word: str, stream: StreamModel | None) -> int | None:
     """Return the size that a word stands for; None where the data alone says it."""
     if word in _IMAGE_WORDS:
-        size = getattr(getattr(stream, "images", None), word, None)
-        return None if size is None else int(size)
+        images = images_of(stream) if stream else None
+        return None if images is None else int(getattr(images, word))
     if word == "components":
         return len(getattr(stream, "components", ()))
     if word in _GRID_WORDS:

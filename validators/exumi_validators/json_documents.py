@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
-__all__ = ["MAX_DOCUMENT_BYTES", "LoadedDocument", "load_document"]
+from exumi_data.model.json_limits import MAX_DOCUMENT_PARTS, is_too_deep, size_mistake
 
-MAX_DOCUMENT_BYTES = 64 << 20
+__all__ = ["LoadedDocument", "load_document"]
+
 _SMALL_BYTES = 2048
 
 Pointer = tuple[int | str, ...]
@@ -42,7 +43,7 @@ class LoadedDocument:
     duplicates: tuple[Pointer, ...] = ()
 
 
-def load_document(raw: bytes, path: str) -> LoadedDocument:
+def load_document(raw: bytes, path: str, *, most_parts: int = MAX_DOCUMENT_PARTS) -> LoadedDocument:
     """Parse a JSON object; what is wrong is returned, never raised.
 
     Parameters
@@ -50,14 +51,17 @@ def load_document(raw: bytes, path: str) -> LoadedDocument:
     raw : bytes
     path : str
         Where it is, for messages.
+    most_parts : int
+        See `exumi_data.model.json_limits`.
     """
-    if len(raw) > MAX_DOCUMENT_BYTES:
-        return LoadedDocument(path, mistake="the document is larger than 64 MiB")
+    mistake = size_mistake(raw, most_parts=most_parts)
+    if mistake:
+        return LoadedDocument(path, mistake=mistake)
     return replace(_parsed_again(raw) if len(raw) <= _SMALL_BYTES else _parsed(raw), path=path)
 
 
 def _parsed(raw: bytes) -> LoadedDocument:
-    path = ""
+    """Parse; the place is added by the caller."""
     try:
         text = raw.decode("utf-8")
         objects = _Objects()
@@ -65,11 +69,13 @@ def _parsed(raw: bytes) -> LoadedDocument:
         if "\\u" in text:  # a lone surrogate is valid as an escape, and no text
             json.dumps(value, ensure_ascii=False).encode("utf-8")
     except (RecursionError, ValueError) as error:
-        return LoadedDocument(path, mistake=_mistake(error))
+        return LoadedDocument("", mistake=_mistake(error))
     if not isinstance(value, dict):
-        return LoadedDocument(path, mistake="expected a JSON object")
+        return LoadedDocument("", mistake="expected a JSON object")
+    if is_too_deep(value, raw):
+        return LoadedDocument("", mistake=_mistake(RecursionError()))
     twice = tuple(_duplicates(value, ())) if objects.found_twice else ()
-    return LoadedDocument(path, value, duplicates=twice)
+    return LoadedDocument("", value, duplicates=twice)
 
 
 # The documents of arrays are small, and the same in episode after episode. Nobody changes them.

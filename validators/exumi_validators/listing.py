@@ -25,11 +25,14 @@ class Listing:
         Links and special files.
     unsafe : tuple of str
         Names that could lead out of the store when it is copied or unpacked elsewhere.
+    closed : dict
+        Folders that cannot be listed, with the reason.
     """
 
     files: dict[str, int] = field(default_factory=dict)
     links: tuple[str, ...] = ()
     unsafe: tuple[str, ...] = ()
+    closed: dict[str, str] = field(default_factory=dict)
 
     @cached_property
     def chunk_files(self) -> dict[str, list[str]]:
@@ -46,11 +49,16 @@ def _is_unsafe(name: str) -> bool:
     return "\\" in name or not name.isprintable() or (len(name) > 1 and name[1] == ":")
 
 
-def _walk(root: str) -> Iterator[tuple[str, os.stat_result]]:
+def _walk(root: str, closed: dict[str, str]) -> Iterator[tuple[str, os.stat_result]]:
     folders = [("", 0)]
     while folders:
         prefix, depth = folders.pop()
-        with os.scandir(f"{root}/{prefix}") as entries:
+        try:
+            entries = os.scandir(f"{root}/{prefix}")
+        except OSError as error:
+            closed[prefix.rstrip("/") or "."] = error.strerror or str(error)
+            continue
+        with entries:
             for entry in entries:
                 path, info = prefix + entry.name, entry.stat(follow_symlinks=False)
                 is_folder = stat.S_ISDIR(info.st_mode)
@@ -68,14 +76,15 @@ def list_folder(root: str) -> Listing:
     root : str
     """
     files, links, unsafe = {}, [], []
-    for path, info in _walk(root):
+    closed: dict[str, str] = {}
+    for path, info in _walk(root, closed):
         if _is_unsafe(path.rpartition("/")[2]):
             unsafe.append(path)
         elif stat.S_ISREG(info.st_mode):
             files[path] = info.st_size
         else:
             links.append(path)
-    return Listing(files, tuple(sorted(links)), tuple(sorted(unsafe)))
+    return Listing(files, tuple(sorted(links)), tuple(sorted(unsafe)), closed)
 
 
 def list_zip(store: ZipStore) -> Listing:

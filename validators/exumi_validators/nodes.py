@@ -168,6 +168,19 @@ def _is_little(codec: dict[str, Any], *, optional: bool = False) -> bool:
     return endian == "little" or (optional and endian is None)
 
 
+def _inner_mistake(node: ArrayNode, shard: tuple[int, ...]) -> str | None:
+    """Return what is wrong with inner chunks, where the array has them."""
+    chunk = node.chunk
+    if chunk is None:
+        has_chunks = _sharding(node.document.get("codecs")) is not None
+        return "the shape of inner chunks is not a list of sizes" if has_chunks else None
+    if len(chunk) != len(node.shape) or 0 in chunk or chunk[1:] != shard[1:]:
+        return f"inner chunks of shape {list(chunk)} divide more than the first axis"
+    if shard[0] % chunk[0]:
+        return f"shards of {shard[0]} rows are no whole number of chunks of {chunk[0]}"
+    return None
+
+
 def _grid_problems(node: ArrayNode) -> Iterator[Problem]:
     shape, shard, chunk = node.shape, node.shard, node.chunk
     pointer: tuple[str, ...] = ("chunk_grid",)
@@ -178,12 +191,9 @@ def _grid_problems(node: ArrayNode) -> Iterator[Problem]:
         mistake = f"shards of shape {list(shard)} do not divide an array of shape {list(shape)}"
     elif shard[1:] != shape[1:]:
         mistake = f"shards of shape {list(shard)} divide more than the first axis"
-    elif chunk is not None:
+    else:
         pointer = ("codecs", "0", "configuration", "chunk_shape")
-        if len(chunk) != len(shape) or 0 in chunk or chunk[1:] != shard[1:]:
-            mistake = f"inner chunks of shape {list(chunk)} divide more than the first axis"
-        elif shard[0] % chunk[0]:
-            mistake = f"shards of {shard[0]} rows are no whole number of chunks of {chunk[0]}"
+        mistake = _inner_mistake(node, shard)
     if mistake:
         yield problem("ZARR-008", node.file, pointer=pointer, detail=mistake)
         return

@@ -16,6 +16,7 @@ from exumi_data.errors import NotAnEpisodeError, UnsupportedError, UsageError
 from exumi_data.model.episode import FORMAT_VERSION
 from exumi_data.standard import LEVELS, Level
 from exumi_validators.checks import dataset as dataset_module
+from exumi_validators.checks import manifest as manifest_module
 from exumi_validators.config import Config
 from exumi_validators.dataset_context import DatasetContext
 from exumi_validators.episode_run import (
@@ -39,7 +40,7 @@ _PARALLEL_FROM = 8
 @cache
 def dataset_checks() -> tuple[Check[DatasetContext], ...]:
     """Return the checks of datasets, the cheap levels first."""
-    found: tuple[Check[DatasetContext], ...] = checks_of((dataset_module,))
+    found: tuple[Check[DatasetContext], ...] = checks_of((dataset_module, manifest_module))
     return tuple(sorted(found, key=lambda check: LEVELS.index(check.level)))
 
 
@@ -147,6 +148,8 @@ def _kind(path: str) -> str:
         )
     if not target.exists():
         raise NotAnEpisodeError("no such file or folder", where=path)
+    if not target.is_file():  # a pipe would be waited for
+        raise NotAnEpisodeError("neither a file nor a folder", where=path)
     with target.open("rb") as file:
         is_zip = file.read(4) in (b"PK\x03\x04", b"PK\x05\x06")
     if not is_zip and not path.endswith(".zip"):
@@ -172,11 +175,12 @@ def _validate_dataset(
     not_listed: Counter[str] = Counter()
     suppressed_not_listed: Counter[str] = Counter()
     if dataset.judgeable:
+        has_digests = not isinstance(dataset.catalog, str) or dataset.manifest is not None
         judge = partial(
             _judge_member,
             root=path,
             levels=levels,
-            with_digest="data" in levels and not isinstance(dataset.catalog, str),
+            with_digest="data" in levels and has_digests,
             config=config,
         )
         for episode, result in _episodes(dataset, judge, workers, on_progress):

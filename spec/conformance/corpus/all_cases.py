@@ -8,6 +8,7 @@ from corpus.invalid_documents import document_cases
 from corpus.invalid_hierarchy import hierarchy_cases
 from corpus.invalid_packing import packing_cases
 from corpus.invalid_streams import stream_cases
+from corpus.manifests import manifest_cases
 from corpus.quality_calibration import calibration_cases
 from corpus.quality_labels import labels_cases
 from corpus.quality_motion import motion_cases
@@ -35,6 +36,7 @@ def invalid() -> list[Case]:
         array_cases,
         data_cases,
         dataset_cases,
+        manifest_cases,
         timing_cases,
         sync_cases,
         touch_cases,

@@ -187,10 +187,10 @@ def pixels(**metadata: Any) -> Draft:
     return draft
 
 
-def video(**metadata: Any) -> Draft:
+def video(clip: bytes | None = None, **metadata: Any) -> Draft:
     """Return an episode with a video file kept as it was: 8 frames, keyframes 0 and 4."""
     draft = Draft(**metadata)
-    clip = (SOURCES / "clip.mp4").read_bytes()
+    clip = clip or (SOURCES / "clip.mp4").read_bytes()
     file = {
         "name": "clip.mp4",
         "media_type": "video/mp4",

@@ -30,6 +30,10 @@ def _file_cases() -> Iterator[Case]:
     draft = _frames([files[0], files[1], files[2][:400], files[3]])
     at = Finding("IMG-006", DATA, index=2)
     yield case("IMG-006__half_a_jpeg", "A JPEG cut short before it was stored.", draft, at)
+    scans = files[2][:-2] + b"\xff\xda\x00\x08\x01\x01\x00\x00\x3f\x00" * 100 + b"\xff\xd9"
+    draft = _frames([files[0], files[1], scans, files[3]])
+    about = "A JPEG that goes over the picture a hundred times."
+    yield case("IMG-006__hundred_scans", about, draft, at)
     large = (bases.SOURCES / "frame_large.jpg").read_bytes()
     draft = _frames([*files[:3], large])
     at = Finding("IMG-007", DATA, index=3)
@@ -55,6 +59,12 @@ def _video_cases() -> Iterator[Case]:
     draft = bases.video()
     draft.metadata["streams"]["rgb"]["images"]["files"][0]["media_type"] = "video/x-msvideo"
     yield case("VID-007__container", "Another container than stated.", draft, at)
+    clip = (bases.SOURCES / "clip.mp4").read_bytes()
+    place = clip.index(b"stsz") + 8
+    claim = (1).to_bytes(4, "big") + (10_000_000).to_bytes(4, "big")
+    draft = bases.video(clip[:place] + claim + clip[place + 8 :])
+    about = "A table of ten million samples of one byte, in eight bytes."
+    yield case("VID-007__ten_million_samples", about, draft, at)
     draft = bases.video()
     draft.put("streams/rgb/time", bases.times(9))
     draft.put("streams/rgb/file", np.zeros(9, dtype=np.uint32))

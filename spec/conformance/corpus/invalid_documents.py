@@ -42,6 +42,10 @@ def _document_cases() -> Iterator[Case]:
     yield case("DOC-001__cut_string", "No JSON.", broken, Finding("DOC-001", ROOT))
     nan = _text(bases.poses(success=True), b'"success":true', b'"success":NaN')
     yield case("DOC-001__nan", "NaN is no JSON.", nan, Finding("DOC-001", ROOT))
+    deep = _text(
+        bases.poses(), b'"regime":', b'"acme:x":' + b"[" * 200 + b"]" * 200 + b',"regime":'
+    )
+    yield case("DOC-001__deep", "A list in a list, 200 times.", deep, Finding("DOC-001", ROOT))
     twice = _text(bases.poses(), b'"regime":"play"', b'"regime":"touch","regime":"play"')
     at = Finding("DOC-002", ROOT, _at("regime"))
     yield case("DOC-002__regime_twice", "A key that stands twice.", twice, at)

@@ -116,6 +116,9 @@ def _grid_cases() -> Iterator[Case]:
     at = Finding("ZARR-008", FILE, CODEC)
     yield case("ZARR-008__three_of_four", "Chunks that do not fill a shard.", draft, at)
     draft = bases.poses()
+    _sharding(draft, DATA)["chunk_shape"] = None
+    yield case("ZARR-008__no_size", "Chunks of no size.", draft, at)
+    draft = bases.poses()
     _shard_shape(draft, DATA, [4, 1])
     at = Finding("ZARR-008", FILE, "/chunk_grid")
     yield case("ZARR-008__second_axis", "Shards that divide a pose.", draft, at)

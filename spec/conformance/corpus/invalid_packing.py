@@ -15,6 +15,25 @@ def _members() -> list[tuple[str, bytes]]:
     return sorted(bases.poses().files().items(), key=lambda item: packing_key(item[0]))
 
 
+def _reaching(archive: bytes, name: str) -> bytes:
+    """Let both headers of a member say that it is 20 bytes longer."""
+    out = bytearray(archive)
+    local, listed = (
+        place - header for place, header in zip(_places(archive, name), (30, 46), strict=True)
+    )
+    for start in (local + 18, listed + 20):
+        for at in (start, start + 4):
+            out[at : at + 4] = (int.from_bytes(out[at : at + 4], "little") + 20).to_bytes(
+                4, "little"
+            )
+    return bytes(out)
+
+
+def _places(archive: bytes, name: str) -> tuple[int, int]:
+    first = archive.index(name.encode())
+    return first, archive.index(name.encode(), first + 1)
+
+
 def packing_cases() -> Iterator[Case]:
     """Yield the cases of packing and of unsafe paths."""
     whole = as_zip(bases.poses().files())
@@ -43,6 +62,9 @@ def packing_cases() -> Iterator[Case]:
     data = whole[:place] + b"streams/pose/DATA/c/0/0" + whole[place + 23 :]
     at = Finding("PACK-007", WHOLE, index=count - 2)
     yield packed("PACK-007__two_names", "Two names for one member.", data, at)
+    at = Finding("PACK-007", WHOLE, index=count - 1)
+    about = "A member that reaches into the next one."
+    yield packed("PACK-007__overlapping", about, _reaching(whole, "streams/pose/data/c/0/0"), at)
     at = Finding("PACK-008", WHOLE)
     about = "A program before the zip."
     yield packed("PACK-008__prefix", about, b"#!/bin/sh\n" + whole, at)

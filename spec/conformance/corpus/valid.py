@@ -8,6 +8,7 @@ from corpus import bases
 from corpus.case import Case, as_zip, case, packed
 from corpus.datasets import dataset, split_by_part
 from corpus.draft import Draft
+from corpus.manifests import valid_manifest
 from corpus.quality_sync import grasp, tap
 from corpus.quality_timing import counted, events
 
@@ -208,3 +209,4 @@ def valid_cases() -> Iterator[Case]:
     yield dataset("dataset__minimal", "Two episodes and a catalog.")
     split = {"splits/default.json": split_by_part()}
     yield dataset("dataset__split_by_part", "A split by part.", add=split, splits=["default"])
+    yield valid_manifest()

@@ -25,8 +25,10 @@ from exumi_data.model.documents import (
     parse_dataset,
     parse_derived,
     parse_episode,
+    parse_manifest,
     parse_split,
 )
+from exumi_data.model.json_limits import MAX_LIST_PARTS
 from exumi_data.model.schema import DOCUMENTS, json_schema
 from tests.exumi_data.builders import metadata, write_episode
 
@@ -43,6 +45,7 @@ PARSE: dict[str, Callable[[Any], Model]] = {
     "derived": lambda document: parse_derived(root(document), WHERE),
     "dataset": lambda document: parse_dataset(json.dumps(document).encode(), WHERE),
     "split": lambda document: parse_split(json.dumps(document).encode(), WHERE),
+    "manifest": lambda document: parse_manifest(json.dumps(document).encode(), WHERE),
 }
 
 
@@ -370,6 +373,8 @@ def test_a_newer_major_is_refused_before_anything_else_is_looked_at() -> None:
         (b"[" * 100_000, "nested too deeply"),
         (b'{"a":' * 100_000, "nested too deeply"),
         (b" " * ((64 << 20) + 1), "larger than 64 MiB"),
+        (b'{"a": [' + b"1," * 99_999 + b"1]}", "more than 100,000 commas"),
+        (b'{"a": [' + b"[]," * 60_000 + b"1]}", "more than 100,000 commas"),
     ],
     ids=lambda value: str(value)[:20],
 )
@@ -379,12 +384,33 @@ def test_what_is_no_json_object(content: bytes, message: str) -> None:
     assert caught.value.where == WHERE
 
 
+def test_long_lists_are_read_where_they_belong() -> None:
+    parts = b'{"a": [' + b"1," * 99_998 + b"1]}"
+    assert len(load_json(parts, WHERE)["a"]) == 99_999
+    longer = b'{"a": [' + b"1," * 150_000 + b"1]}"
+    assert len(load_json(longer, WHERE, most_parts=MAX_LIST_PARTS)["a"]) == 150_001
+
+
+@pytest.mark.parametrize("name", ["split", "manifest"])
+def test_a_long_list_of_mistakes_is_told_once(name: str) -> None:
+    wrong: list[Any] = [{}] * 150_000
+    rest: dict[str, Any] = {"files": wrong, "episodes": []}
+    if name == "split":
+        rest = {"name": "x", "level": "part", "lists": {"a": wrong}}
+    document = {"format": f"exumi-{name}", "version": "1.0", **rest}
+    with pytest.raises(MetadataError) as caught:
+        PARSE[name](document)
+    assert len(caught.value.problems) < 5
+
+
 def test_json_that_is_nested_a_little_is_read(full: Any) -> None:
-    text = root({**full, "acme:deep": "@"}).replace(b'"@"', b"[" * 150 + b"]" * 150)
+    text = root({**full, "acme:deep": "@"}).replace(b'"@"', b"[" * 90 + b"]" * 90)
     assert parse_episode(text, WHERE).model_extra
 
 
-@pytest.mark.parametrize("depth", [400, 900, 940, 960, 970, 975, 980, 985, 990, 995, 1000, 2000])
+@pytest.mark.parametrize(
+    "depth", [100, 150, 400, 900, 940, 960, 970, 980, 985, 990, 995, 1000, 2000]
+)
 def test_json_that_is_nested_deeply_is_refused(full: Any, depth: int) -> None:
     text = root({**full, "acme:deep": "@"}).replace(b'"@"', b"[" * depth + b"]" * depth)
     with pytest.raises(MetadataError) as caught:

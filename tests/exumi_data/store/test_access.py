@@ -195,20 +195,6 @@ def test_linked_files_are_not_followed(episode: Path, tmp_path: Path, name: str)
         read_all()
 
 
-def test_a_link_in_a_foreign_layout_is_not_followed(episode: Path, tmp_path: Path) -> None:
-    import zarr
-
-    shutil.rmtree(episode / "streams" / "width" / "data")
-    array = zarr.create_array(episode / "streams" / "width" / "data", shape=(5,), dtype="f4")
-    array[:] = np.arange(5)
-    assert open_episode(episode)["width"].data.tolist() == [0, 1, 2, 3, 4]
-    chunk = episode / "streams" / "width" / "data" / "c" / "0"
-    chunk.rename(tmp_path / "secret")
-    chunk.symlink_to(tmp_path / "secret")
-    with pytest.raises(DamagedDataError, match="is a link"):
-        _ = open_episode(episode)["width"].data
-
-
 def test_an_episode_may_itself_be_reached_through_a_link(episode: Path, tmp_path: Path) -> None:
     for number, path in enumerate((episode, pack(episode))):
         link = tmp_path / f"link{number}{path.suffix}"

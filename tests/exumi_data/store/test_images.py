@@ -183,3 +183,12 @@ def test_encoding_keeps_grey_grey_and_colour_close() -> None:
         assert jpeg.encode(strided, 95) == jpeg.encode(frame, 95)
         difference = jpeg_pixels(jpeg.encode(frame, 95), channels).astype(int) - frame
         assert np.abs(difference).mean() < 12
+
+
+def test_a_jpeg_that_goes_over_the_picture_a_hundred_times() -> None:
+    file = jpegs()[0]
+    out = np.empty((HEIGHT, WIDTH, 3), np.uint8)
+    scan = b"\xff\xda\x00\x08\x01\x01\x00\x00\x3f\x00"
+    jpeg.decode_into(file, out)
+    with pytest.raises(DamagedDataError, match="more than 64 scans"):
+        jpeg.decode_into(file[:-2] + scan * 64 + b"\xff\xd9", out)

@@ -110,7 +110,8 @@ def quaternion_norm(episode: EpisodeContext) -> Iterator[Problem]:
     for name in _streams_of(episode, PoseStream):
         for start, rows, valid in _valid_blocks(episode, name, "data"):
             usable = valid & np.isfinite(rows).all(axis=1)
-            norm = np.linalg.norm(np.where(usable[:, None], rows[:, 3:], 0.5), axis=1)
+            with np.errstate(over="ignore"):  # a norm that is infinite is not 1
+                norm = np.linalg.norm(np.where(usable[:, None], rows[:, 3:], 0.5), axis=1)
             wrong = np.abs(norm - 1) > _NORM_TOLERANCE
             if wrong.any():
                 row = int(wrong.argmax())
@@ -127,7 +128,8 @@ def quaternion_sign(episode: EpisodeContext) -> Iterator[Problem]:
         last = np.full((1, 4), np.nan)
         for start, rows, usable in _valid_blocks(episode, name, "data"):
             quaternions = np.vstack((last, rows[usable, 3:]))
-            flipped = (quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0
+            with np.errstate(over="ignore", invalid="ignore"):  # values of which other rules speak
+                flipped = (quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0
             if flipped.any() and first < 0:
                 first = start + int(np.flatnonzero(usable)[flipped.argmax()])
             flips += int(flipped.sum())

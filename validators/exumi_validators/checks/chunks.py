@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from exumi_data.model.streams import images_of
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.registry import check
@@ -14,7 +15,8 @@ __all__ = ["readable"]
 def readable(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that every array can be read to its end; frames are judged at the level of data."""
     for path in episode.array_nodes:
-        are_frames = path.endswith("/data") and hasattr(episode.stream_of(path), "images")
+        stream = episode.stream_of(path)
+        are_frames = path.endswith("/data") and stream is not None and images_of(stream)
         if not are_frames and path not in episode.scanned:
             for _ in episode.blocks(path):
                 pass

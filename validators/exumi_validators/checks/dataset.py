@@ -7,7 +7,9 @@ import numpy as np
 
 from exumi_data.catalog import CATALOG_NAME, episode_path
 from exumi_data.dataset import DATASET_DOCUMENT
+from exumi_data.model.base import Model
 from exumi_data.model.dataset import DATASET_FORMAT, DatasetMetadata, SplitDocument
+from exumi_data.model.manifest import MANIFEST_FORMAT, Manifest
 from exumi_data.standard import rules
 from exumi_validators.context import newer_minor
 from exumi_validators.dataset_context import DatasetContext
@@ -20,6 +22,7 @@ from exumi_validators.document_rules import (
 )
 from exumi_validators.episode_run import ReferenceFacts
 from exumi_validators.findings import problem
+from exumi_validators.json_documents import LoadedDocument
 from exumi_validators.registry import Finding, check
 from exumi_validators.report import Problem, Skipped
 
@@ -34,6 +37,7 @@ __all__ = [
     "kept_together",
     "labels_of_things",
     "licence",
+    "links",
     "listed_splits",
     "objects_of_parts",
     "oddities",
@@ -61,24 +65,31 @@ def is_there(dataset: DatasetContext) -> Iterator[Problem]:
 
 @check(*DOCUMENT_RULES)
 def documents(dataset: DatasetContext) -> Iterator[Problem]:
-    """Judge ``dataset.json`` and the splits as documents."""
+    """Judge ``dataset.json``, the splits and the manifest as documents."""
     if dataset.loaded is not None:
         loaded = dataset.loaded
         yield from document_problems(loaded, loaded.value, DATASET_FORMAT, ())
     for loaded in dataset.split_files.values():
         yield from document_problems(loaded, loaded.value, _SPLIT_FORMAT, ())
+    manifest = dataset.manifest_file
+    if manifest is not None:
+        yield from document_problems(manifest, manifest.value, MANIFEST_FORMAT, ())
 
 
 @check(*MODEL_RULES)
 def fields(dataset: DatasetContext) -> Iterator[Problem]:
-    """Judge every field of ``dataset.json`` and the splits."""
-    document = dataset.document
-    if document is not None and newer_minor(document.get("version")) is not None:
-        path = DATASET_DOCUMENT
-        yield from model_rule_problems("dataset", DatasetMetadata, document, path, ())
-    for loaded in dataset.split_files.values():
-        if loaded.value is not None and newer_minor(loaded.value.get("version")) is not None:
-            yield from model_rule_problems("split", SplitDocument, loaded.value, loaded.path, ())
+    """Judge every field of ``dataset.json``, the splits and the manifest."""
+    documents: list[tuple[str, type[Model], LoadedDocument | None]] = [
+        ("dataset", DatasetMetadata, dataset.loaded),
+        *(("split", SplitDocument, loaded) for loaded in dataset.split_files.values()),
+        ("manifest", Manifest, dataset.manifest_file),
+    ]
+    for name, model, loaded in documents:
+        value = loaded.value if loaded else None
+        if loaded is None or value is None or value.get("format") != f"exumi-{name}":
+            continue
+        if newer_minor(value.get("version")) is not None:
+            yield from model_rule_problems(name, model, value, loaded.path, ())
 
 
 @check("LIC-001", "LIC-002")
@@ -116,6 +127,13 @@ def oddities(dataset: DatasetContext) -> Iterator[Problem]:
     codes = {"foreign": "SET-004", "partial": "SET-005", "replaced": "SET-006"}
     for path, kind in dataset.oddities:
         yield problem(codes[kind], path)
+
+
+@check("SAFE-002")
+def links(dataset: DatasetContext) -> Iterator[Problem]:
+    """Judge that there are only files and folders."""
+    for path in dataset.links:
+        yield problem("SAFE-002", path, found=path)
 
 
 @check("SPLIT-001")

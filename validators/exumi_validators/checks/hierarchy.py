@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 
 from exumi_data.model.description import CalibrationItem
+from exumi_data.model.streams import images_of
 from exumi_validators.context import CALIBRATION_PATH, ROOT, EpisodeContext
 from exumi_validators.expected_shapes import fits, shape_words
 from exumi_validators.findings import problem
@@ -231,7 +232,7 @@ def shapes(episode: EpisodeContext) -> Iterator[Problem]:
 def frame_chunks(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that a frame can be read alone."""
     for name, stream in episode.streams.items():
-        images = getattr(stream, "images", None)
+        images = images_of(stream)
         node = episode.array_nodes.get(f"streams/{name}/data")
         if images is None or images.encoding != "array" or node is None or not node.chunk:
             continue
@@ -245,7 +246,7 @@ def frame_chunks(episode: EpisodeContext) -> Iterator[Problem]:
 def byte_chunks(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that stored files can be read in pieces, at their offset."""
     for name, stream in episode.streams.items():
-        images = getattr(stream, "images", None)
+        images = images_of(stream)
         node = episode.array_nodes.get(f"streams/{name}/data")
         if images is None or images.encoding == "array" or node is None or not node.chunk:
             continue

@@ -11,6 +11,7 @@ from exumi_data.model.streams import (
     TaxelsStream,
     WidthStream,
     WrenchStream,
+    images_of,
 )
 from exumi_data.standard import units
 from exumi_validators.checks.images import MAX_FRAME_BYTES
@@ -107,7 +108,7 @@ def raw_transform(episode: EpisodeContext) -> Iterator[Problem]:
 def corrected_time(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that a corrected time can be computed again. The raw time of video is its pts."""
     for name, stream in episode.streams.items():
-        images = getattr(stream, "images", None)
+        images = images_of(stream)
         from_pts = images is not None and images.encoding == "video"
         if not stream.clock.is_identity and stream.clock.raw_time is None and not from_pts:
             yield problem("CLOCK-001", ROOT, pointer=_at(name, "clock"))

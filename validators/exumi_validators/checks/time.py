@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from exumi_data.model.clock import Clock
-from exumi_data.model.streams import StreamModel
+from exumi_data.model.streams import StreamModel, images_of
 from exumi_data.standard import flags, units
 from exumi_data.time import TIME_LIMIT_NS, apply_clock, parse_rate
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext
@@ -165,7 +165,7 @@ def nominal_grid(episode: EpisodeContext) -> Iterator[Problem]:
 
 def _time_base_ns(stream: StreamModel) -> int:
     """Return the longest time base: containers can only write times that are whole units of it."""
-    files = getattr(getattr(stream, "images", None), "files", [])
+    files = getattr(images_of(stream), "files", [])
     bases = [Fraction(file.time_base) * _NS_PER_S for file in files]
     return int(max(bases, default=Fraction(0))) + 1 if bases else 0
 

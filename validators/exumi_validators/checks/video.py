@@ -275,7 +275,7 @@ def _container_problems(
     listed: _Listed,
     statistics: FrameStatistics | None,
 ) -> Iterator[Problem]:
-    from exumi_data.store.video import VideoDecoder  # PyAV is slow to import
+    from exumi_data.store.video import VideoDecoder, most_pixels  # PyAV is slow to import
 
     file = images.files[number]
     container.seek(0)
@@ -283,7 +283,8 @@ def _container_problems(
         yield problem("VID-007", path, index=number, detail=f"it is no {file.media_type}")
         return
     container.seek(0)
-    with VideoDecoder(container, file.name) as decoder:  # type: ignore[arg-type]  # reads and seeks, which is all that is asked of it
+    pixels = most_pixels(images.height, images.width)
+    with VideoDecoder(container, file.name, pixels=pixels) as decoder:  # type: ignore[arg-type]  # reads and seeks, which is all that is asked of it
         mistake = _declaration_mistake(decoder, file, images)
         if mistake:
             yield problem("VID-007", path, index=number, detail=mistake)

@@ -1,0 +1,128 @@
+"""The manifest of a dataset: every file with its digest, made when a dataset is released."""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from exumi_data.catalog import list_episodes
+from exumi_data.errors import DamagedDataError
+from exumi_data.model.documents import parse_episode
+from exumi_data.model.manifest import Manifest, ManifestEpisode, ManifestFile
+from exumi_data.store.access import open_store
+from exumi_data.store.digest import digest_of
+from exumi_data.store.paths import check_member_path
+from exumi_data.store.plain_files import open_plain
+
+__all__ = ["MANIFEST_NAME", "build_manifest", "is_listed", "sha256_of"]
+
+MANIFEST_NAME = "manifest.json"
+_DEEPEST = 64
+
+
+def is_listed(path: str) -> bool:
+    """Whether a manifest lists a file: all but itself, and what is hidden.
+
+    Parameters
+    ----------
+    path : str
+        Relative to the dataset, with ``/``.
+    """
+    hidden = any(part.startswith(".") for part in path.split("/"))
+    return path != MANIFEST_NAME and not hidden
+
+
+def sha256_of(path: Path) -> tuple[str, int]:
+    """Return (sha-256, size) of a file; it is read in pieces, and no link is followed.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+
+    Raises
+    ------
+    FileNotFoundError
+        Nothing is there.
+    DamagedDataError
+        It is no file, or cannot be read.
+    """
+    with open_plain(path) as file:
+        try:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            return digest, file.tell()
+        except OSError as error:
+            raise DamagedDataError(f"cannot be read ({error.strerror})", where=path) from error
+
+
+def build_manifest(root: str | os.PathLike[str]) -> Manifest:
+    """Read a whole dataset and make its manifest; nothing is written.
+
+    The same dataset gives the same manifest, wherever it lies.
+
+    Parameters
+    ----------
+    root : path-like
+        The dataset's folder.
+
+    Returns
+    -------
+    Manifest
+        Files and episodes are sorted by the bytes of their path.
+
+    Raises
+    ------
+    DamagedDataError
+        There is a link or an unsafe name, or a file cannot be read.
+    MetadataError, UnsupportedError
+        An episode's metadata cannot be read.
+
+    Examples
+    --------
+    >>> from exumi_data.manifest import build_manifest
+    >>> manifest = build_manifest("my-dataset")  # doctest: +SKIP
+    >>> len(manifest.files)  # doctest: +SKIP
+    1203
+    """
+    folder = Path(root)
+    files = [_file(folder, path) for path in sorted(_paths(folder), key=str.encode)]
+    episodes = [_episode(folder, path) for path in list_episodes(folder)]
+    return Manifest(files=files, episodes=episodes)
+
+
+def _file(root: Path, path: str) -> ManifestFile:
+    checksum, size = sha256_of(root / path)
+    return ManifestFile(path=path, bytes=size, sha256=checksum)
+
+
+def _paths(root: Path) -> Iterator[str]:
+    pending = [("", 0)]
+    while pending:
+        folder, depth = pending.pop()
+        try:
+            with os.scandir(root / folder) as entries:
+                found = list(entries)
+        except OSError as error:
+            raise DamagedDataError(
+                f"cannot be read ({error.strerror})", where=root / folder
+            ) from error
+        for entry in found:
+            path = check_member_path(f"{folder}/{entry.name}" if folder else entry.name, root)
+            if not is_listed(path):
+                continue
+            if not entry.is_dir(follow_symlinks=False):
+                yield path
+            elif depth < _DEEPEST:
+                pending.append((path, depth + 1))
+            else:
+                raise DamagedDataError("folders are nested too deeply", where=root / path)
+
+
+def _episode(root: Path, path: str) -> ManifestEpisode:
+    store = open_store(root / path)
+    try:
+        metadata = parse_episode(store.read("zarr.json"), f"{root / path}/zarr.json")
+        return ManifestEpisode(id=metadata.id, path=path, digest=digest_of(store))
+    except FileNotFoundError:
+        raise DamagedDataError("the episode has no zarr.json", where=root / path) from None
+    finally:
+        store.close()
