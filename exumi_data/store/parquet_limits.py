@@ -76,8 +76,9 @@ def pages_mistake(path: Path, metadata: "pq.FileMetaData") -> str | None:
 def _needs(file: IO[bytes], column: Any) -> Iterator[int]:
     """Yield the memory that each page of a column asks for, in bytes."""
     at = column.data_page_offset
-    if column.has_dictionary_page and 0 < column.dictionary_page_offset < at:
-        at = column.dictionary_page_offset
+    first = column.dictionary_page_offset if column.has_dictionary_page else 0
+    if first > 0 and (first < at or not at):  # a column without values has no data page
+        at = first
     end = at + column.total_compressed_size
     longest = 0
     while at < end:

@@ -21,7 +21,6 @@ from exumi_data.errors import ExumiError
 from exumi_data.model import ArrayImages, EncodedImages, VideoImages
 from exumi_data.model.documents import parse_dataset, parse_split
 from exumi_data.store.shards import ArrayReader, open_array
-from exumi_data.store.zarr_reader import ZarrReader
 
 BLOCK_BYTES = 16 << 20
 BLOCKS = 4
@@ -33,7 +32,7 @@ def sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def dump_array(array: ArrayReader | ZarrReader) -> dict[str, Any]:
+def dump_array(array: ArrayReader) -> dict[str, Any]:
     """Return what the dump says of an array, reading it block by block."""
     count, *row = array.shape
     step = max(1, BLOCK_BYTES // max(1, array.dtype.itemsize * int(np.prod(row))))
