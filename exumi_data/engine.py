@@ -137,11 +137,18 @@ def warm_up(*modules: str) -> None:
     """
     if os.name != "posix":
         return
-    from multiprocessing import forkserver
+    from multiprocessing import forkserver, resource_tracker
 
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["__main__", *modules])
-    forkserver.ensure_running()
+    # Ctrl-C reaches every process of the terminal, and is the parent's to act on: the helper would
+    # show a traceback in the middle of its imports. (The tracker comes first: it would unblock.)
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _work(function: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]:

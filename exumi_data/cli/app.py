@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from exumi_data.cli import convert, demo, index, info, pack, prepare, stats, validate
-from exumi_data.cli.failures import ReportingGroup, stop_on_signals
+from exumi_data.cli.failures import ReportingGroup, open_closed_streams, stop_on_signals
 from exumi_data.cli.options import epilog
 
 __all__ = ["app", "main"]
@@ -64,4 +64,5 @@ def _options(
 def main() -> None:
     """Run the program; ends the process with one of the package's exit codes."""
     stop_on_signals()
+    open_closed_streams()
     app(prog_name="exumi")

@@ -19,7 +19,14 @@ from typer.core import TyperGroup
 from exumi_data.cli.output import error_console
 from exumi_data.errors import ExumiError
 
-__all__ = ["COULD_NOT_RUN", "FOUND_WRONG", "ReportingGroup", "reported", "stop_on_signals"]
+__all__ = [
+    "COULD_NOT_RUN",
+    "FOUND_WRONG",
+    "ReportingGroup",
+    "open_closed_streams",
+    "reported",
+    "stop_on_signals",
+]
 
 FOUND_WRONG = 1
 COULD_NOT_RUN = 2
@@ -127,6 +134,13 @@ def _leave_pipe() -> None:
 
 def _stop(number: int, _: object) -> None:
     raise SystemExit(128 + number)
+
+
+def open_closed_streams() -> None:
+    """Give the program somewhere to write where it was started without (``>&-``)."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123  # for as long as the program runs
 
 
 def stop_on_signals() -> None:

@@ -146,6 +146,8 @@ def test_data_does_not_say_how_it_is_judged(tmp_path: Path) -> None:
     assert find_config(data / "episodes", data=data) == mine
     assert find_config(data, data=data) == mine
     assert find_config(data) == data / "exumi.toml"
+    written(data, "{}", "dataset.json")
+    assert find_config(data, data=data / "episodes" / "a1" / "x.zarr") == mine
 
 
 def test_the_example_of_the_manual_is_right(tmp_path: Path) -> None:

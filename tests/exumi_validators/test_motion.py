@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from exumi_data.model import CalibrationItem, Clock, Frames, Gap, RawData
+from exumi_data.model import CalibrationItem, Clock, Frames, Gap, RawData, Source
 from exumi_data.simulation import simulate_play
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_validators import Problem, validate
@@ -158,6 +158,7 @@ def write(tmp_path: Path) -> Write:
         modulus: int | None = 4096,
         flags: np.ndarray | None = None,
         gaps: list[Gap] | None = None,
+        source: str = "simulated",
     ) -> Path:
         path = tmp_path / f"{len(list(tmp_path.iterdir()))}.zarr"
         item = CalibrationItem(value={"range_m": range_m}, method="gauge")
@@ -165,6 +166,7 @@ def write(tmp_path: Path) -> Write:
         beside = {} if flags is None else {"flags": flags}
         described = RawData(unit="count", transform="encoder", modulus=modulus)
         changes: dict[str, Any] = {} if raw is None else {"calibration": {"encoder": item}}
+        changes["source"] = Source(type=source, tool="tests", tool_version="1")  # type: ignore[arg-type]  # one of the allowed
         with EpisodeWriter(path, metadata(**changes), durable=False) as writer:
             if poses is not None:
                 frames = Frames(parent="world", child="tcp")
@@ -282,6 +284,15 @@ def test_a_simulated_hand_may_halt(write: Write) -> None:
     path = write(time, poses, clock=SIMULATED)
     assert places(path) == []
     assert skipped(path)["POSE-005"] == "the pose stands still, and does not tell why"
+
+
+def test_a_tracker_has_noise_in_whatever_it_measures(write: Write) -> None:
+    time, poses = line(count=900)
+    poses[:] = poses[0]  # for nine seconds
+    slow = time
+    assert places(write(slow, poses)) == []
+    assert [code for code, _ in places(write(slow, poses, source="recorded"))] == ["POSE-005"]
+    assert places(write(slow, poses, source="recorded", clock=SIMULATED)) == []
 
 
 def test_a_robot_that_rests_is_not_frozen(write: Write) -> None:

@@ -25,7 +25,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.errors import UsageError
+from exumi_data.store.plain_files import read_plain
 from exumi_validators.plugins import known_rules
 from exumi_validators.report import Configuration, Problem, Reclassified, Suppression
 
@@ -135,7 +137,7 @@ def find_config(
         None where there is neither.
     """
     start = Path(folder).resolve()
-    judged = None if data is None else Path(data).resolve()
+    judged = None if data is None else _whole(Path(data).resolve())
     for place in (start, *start.parents):
         if judged is not None and place.is_relative_to(judged):
             continue
@@ -146,14 +148,24 @@ def find_config(
     return None
 
 
+def _whole(data: Path) -> Path:
+    """Return the dataset that an episode lies in, or what was given."""
+    for place in data.parents:
+        if (place / DATASET_DOCUMENT).is_file():
+            return place
+    return data
+
+
 def _own_table(file: Path) -> dict[str, Any]:
     """Return what of a file is ours."""
     try:
-        if file.stat().st_size > _MAX_BYTES:
-            raise UsageError(f"has more than {_MAX_BYTES:,} bytes", where=file)
-        document = tomllib.loads(file.read_text("utf-8"))
+        document = tomllib.loads(read_plain(file.resolve(), _MAX_BYTES).decode("utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"is no TOML: {error}", where=file) from None
+        raise UsageError(
+            f"is no TOML: {error}",
+            where=file,
+            fix="It is read for how to judge. Mend it, or leave it out with --no-config.",
+        ) from None
     if file.name != "pyproject.toml":
         return document
     tool = document.get("tool")

@@ -251,7 +251,7 @@ def _judge(
         try:
             for problem in check(context):
                 found.add(problem)
-        except Exception as error:  # noqa: BLE001  # a check that fails must not hide the others
+        except (Exception, SystemExit) as error:  # noqa: BLE001  # a check that fails must not hide the others
             reason = f"{type(error).__name__}: {error}"
             unchecked.append(Unchecked(".", ", ".join(check.rules), reason[:500]))
 

@@ -199,7 +199,7 @@ def _validate_dataset(
         try:
             for problem in check(dataset):
                 found.add(problem)
-        except Exception as error:  # noqa: BLE001  # a check that fails must not hide the others
+        except (Exception, SystemExit) as error:  # noqa: BLE001  # a check that fails must not hide the others
             reason = f"{type(error).__name__}: {error}"
             unchecked.append(Unchecked(".", ", ".join(check.rules), reason[:500]))
     not_listed.update(found.not_listed)

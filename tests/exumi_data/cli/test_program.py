@@ -271,3 +271,8 @@ def test_a_signal_ends_it_cleanly(
         time.sleep(0.05)
     assert list(target.rglob(".partial-*")) == []
     assert 0 < len(list(target.glob("episodes/*/*.zarr"))) < CLIPS
+
+
+def test_it_runs_without_standard_streams(clips: Path) -> None:
+    command = f"exec {sys.executable} -m exumi_data.cli validate {clips} >&- 2>&-"
+    assert subprocess.run(["bash", "-c", command], check=False).returncode == 2

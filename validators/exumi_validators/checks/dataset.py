@@ -372,7 +372,14 @@ def catalog_digests(dataset: DatasetContext) -> Iterator[Problem]:
             continue  # a row of other metadata has another digest, which is said already
         if facts.digest != row["digest"]:
             found = str(row["digest"])
-            yield problem("CAT-004", CATALOG_NAME, index=index, expected=facts.digest, found=found)
+            yield problem(
+                "CAT-004",
+                CATALOG_NAME,
+                index=index,
+                expected=facts.digest,
+                found=found,
+                detail=str(row["path"]),
+            )
 
 
 @check("TACT-012")

@@ -59,7 +59,7 @@ def pose_motion(episode: EpisodeContext) -> Iterator[Finding]:
                     yield Skipped(code, track, path)
             else:
                 yield from _broken(episode, path, track)
-                yield from _frozen(path, stream, track)
+                yield from _frozen(episode, path, stream, track)
 
 
 def _track(episode: EpisodeContext, name: str, count: int) -> _Track | str:
@@ -150,13 +150,23 @@ def _in_words(episode: EpisodeContext, item: Break) -> tuple[str, str]:
     return f"{degrees:.3g} degrees out and back", expected
 
 
-def _frozen(path: str, stream: PoseStream, track: _Track) -> Iterator[Finding]:
+def _frozen(
+    episode: EpisodeContext, path: str, stream: PoseStream, track: _Track
+) -> Iterator[Finding]:
     if stream.clock.stamp_point == "nominal_rate":
         yield Skipped("POSE-005", "times were not measured", path)
         return
     # A simulated hand may halt at once; a real one, or its tracker's noise, does not.
     may_halt = stream.clock.stamp_point == "simulated"
-    frozen = [run for run in track.still if run.leapt or (run.halted and not may_halt)]
+    # What a tracker measures has noise, whatever the hand does.
+    source = episode.section("source")
+    tracked = source is not None and source.type == "recorded" and not may_halt
+    rest_s = episode.limit("POSE-005", "rest_s") if tracked else math.inf
+    frozen = [
+        run
+        for run in track.still
+        if run.leapt or (run.halted and not may_halt) or run.seconds >= rest_s
+    ]
     if frozen:
         found, count = round(frozen[0].seconds, 3), _counted(len(frozen))
         yield problem("POSE-005", path, index=frozen[0].index, found=found, count=count)
