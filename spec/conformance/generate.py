@@ -57,7 +57,9 @@ def write(target: Path) -> None:
 def _dumps(target: Path, wanted: dict[str, bytes]) -> set[str]:
     """Return the dumps of valid cases, which ``make_dumps.py`` writes and checks."""
     there = {path.relative_to(target) for path in target.glob("valid/*/dump.json")}
-    return {path.as_posix() for path in there if f"{path.parent.as_posix()}/expected.json" in wanted}
+    return {
+        path.as_posix() for path in there if f"{path.parent.as_posix()}/expected.json" in wanted
+    }
 
 
 def differences(target: Path) -> list[str]:

@@ -2,8 +2,8 @@
 """Judge a reader: compare its canonical dumps with those of the corpus.
 
 It has to read every valid case as its ``dump.json`` says, and to refuse damage, unsafe names, newer
-major versions and unknown ``requires``; the last two with a message that names them. The protocol is
-in ``spec/readers/README.md``. Needs nothing but Python.
+major versions and unknown ``requires``; the last two with a message that names them. The protocol
+is in ``spec/readers/README.md``. Needs nothing but Python.
 Exit code 0: as expected everywhere. 1: differences. 2: could not run.
 """
 

@@ -3,7 +3,8 @@
 
 Of a rule that is broken in several samples, frames or rows of an array, the number of findings and
 their indices are free; with ``--exact`` they are compared, too. With ``--batch`` the validator gets
-many paths and prints one line of JSON for each. The protocol is in ``spec/conformance/README.md``. Needs nothing but Python.
+many paths and prints one line of JSON for each. The protocol is in ``spec/conformance/README.md``.
+Needs nothing but Python.
 Exit code 0: as expected everywhere. 1: differences. 2: could not run.
 """
 
