@@ -166,4 +166,6 @@ def test_a_packed_case_has_the_digest_of_its_folder(tmp_path: Path) -> None:
         archive.extractall(folder)
     opened = exumi_data.open(folder)
     assert isinstance(opened, exumi_data.Episode)
-    assert opened.digest() == json.loads((packed / "dump.json").read_bytes())["digest"]
+    twin = CORPUS / "valid" / "derived__activity_and_salient"
+    for case in (packed, twin):
+        assert opened.digest() == json.loads((case / "dump.json").read_bytes())["digest"]
