@@ -41,13 +41,15 @@ wheel-check: setup  ## sdist, wheel from it, fresh environment, import everythin
 	$(BIN)/python scripts/check_wheel.py
 
 conformance: setup  ## our validator and writer, judged by the harnesses of the standard
-	$(BIN)/python spec/conformance/run_validator.py --jobs 2 -- $(BIN)/exumi validate --format json
-	$(BIN)/python spec/conformance/run_writer.py --jobs 2 \
+	$(BIN)/python spec/conformance/run_validator.py --exact --batch \
+	  -- $(BIN)/python spec/conformance/adapters/exumi_validator.py
+	$(BIN)/python spec/conformance/run_writer.py \
 	  --validator "$(BIN)/exumi validate --format json" \
 	  -- $(BIN)/python spec/conformance/adapters/exumi_writer.py
 
-readers: setup  ## the second reader (needs Node.js), compared with ours
-	$(BIN)/python spec/readers/check_typescript.py
+readers: setup  ## both readers, ours and the second one (needs Node.js), on the corpus
+	$(BIN)/python spec/conformance/run_reader.py -- $(BIN)/python spec/readers/dump.py
+	$(BIN)/python spec/readers/check_typescript.py $(if $(CI)$(EXUMI_REQUIRE_NODE),--require)
 
 check: test lint types wheel-check conformance readers  ## all of the above: what has to pass before a change goes in
 

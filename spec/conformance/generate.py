@@ -44,18 +44,29 @@ def corpus() -> dict[str, bytes]:
 
 def write(target: Path) -> None:
     """Write the corpus in place of what is there."""
+    wanted = corpus()
+    dumps = {path: (target / path).read_bytes() for path in _dumps(target, wanted)}
     if target.exists():
         shutil.rmtree(target)
-    for path, data in corpus().items():
+    for path, data in (wanted | dumps).items():
         file = target / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)
+
+
+def _dumps(target: Path, wanted: dict[str, bytes]) -> set[str]:
+    """Return the dumps of valid cases, which ``make_dumps.py`` writes and checks."""
+    there = {path.relative_to(target) for path in target.glob("valid/*/dump.json")}
+    return {
+        path.as_posix() for path in there if f"{path.parent.as_posix()}/expected.json" in wanted
+    }
 
 
 def differences(target: Path) -> list[str]:
     """Return the paths that are missing, too many or different."""
     wanted = corpus()
     there = {p.relative_to(target).as_posix() for p in target.rglob("*") if p.is_file()}
+    there -= _dumps(target, wanted)
     changed = {path for path in there & set(wanted) if (target / path).read_bytes() != wanted[path]}
     return sorted((set(wanted) ^ there) | changed)
 

@@ -17,10 +17,10 @@ import numpy as np
 from exumi_data.catalog import list_episodes
 from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.episode import Episode, StreamView, open_episode
-from exumi_data.errors import ExumiError
+from exumi_data.errors import DamagedDataError, ExumiError
 from exumi_data.model import ArrayImages, EncodedImages, VideoImages
 from exumi_data.model.documents import parse_dataset, parse_split
-from exumi_data.store.shards import ArrayReader, open_array
+from exumi_data.store.shards import ArrayReader, crc32c, open_array
 
 BLOCK_BYTES = 16 << 20
 BLOCKS = 4
@@ -74,6 +74,8 @@ def dump_frames(stream: StreamView) -> list[dict[str, Any]]:
     """Return what the dump says of frames that are stored one by one."""
     found: list[dict[str, Any]] = []
     encoded = isinstance(getattr(stream.metadata, "images", None), EncodedImages)
+    if encoded:
+        check_frames(stream)
     for index in chosen(len(stream)):
         frame = stream.frames[index]
         if not encoded:
@@ -91,6 +93,14 @@ def dump_frames(stream: StreamView) -> list[dict[str, Any]]:
             }
         )
     return found
+
+
+def check_frames(stream: StreamView) -> None:
+    """Refuse a stream of which a frame has another checksum."""
+    checksums = stream.array("crc32c")
+    for index in range(len(stream)):
+        if crc32c(stream.encoded(index)) != checksums[index]:
+            raise DamagedDataError(f"frame {index} has a wrong checksum", where=stream.name)
 
 
 def dump_images(stream: StreamView) -> dict[str, Any]:
@@ -127,6 +137,7 @@ def dump_episode(path: Path) -> dict[str, Any]:
             "format": "exumi-episode",
             "version": episode.metadata.version,
             "id": episode.id,
+            "digest": episode.digest(),
             "streams": [dump_stream(episode, stream) for stream in episode.streams.values()],
             "arrays": [
                 {"path": name, **dump_array(open_array(episode.store, name))}
@@ -154,14 +165,19 @@ def dump_dataset(root: Path) -> dict[str, Any]:
     }
 
 
+def dump_store(store: Path) -> dict[str, Any]:
+    """Return the dump of an episode or a dataset."""
+    is_dataset = (store / DATASET_DOCUMENT).is_file()
+    return dump_dataset(store) if is_dataset else dump_episode(store)
+
+
 def main() -> int:
     """Run the program."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("store", type=Path, metavar="STORE")
     store: Path = parser.parse_args().store
     try:
-        is_dataset = (store / DATASET_DOCUMENT).is_file()
-        dump = dump_dataset(store) if is_dataset else dump_episode(store)
+        dump = dump_store(store)
     except (ExumiError, OSError) as error:
         sys.stderr.write(f"refused: {' '.join(str(error).split())}\n")
         return 1

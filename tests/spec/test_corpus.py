@@ -1,6 +1,8 @@
 """What the corpus itself must be: not empty, complete, small, and readable without us."""
 
+import hashlib
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -124,3 +126,46 @@ def test_schema_and_model_agree_on_every_document(kind: str) -> None:
         by_schema = judge.is_valid(document)
         assert by_schema == (not of_file & MODEL_CODES), case.name
     assert judged > 5
+
+
+def files_of(store: Path) -> dict[str, bytes]:
+    """The files of an episode, read without the library."""
+    if store.is_file():
+        with zipfile.ZipFile(store) as archive:
+            return {name: archive.read(name) for name in archive.namelist()}
+    return {
+        p.relative_to(store).as_posix(): p.read_bytes() for p in store.rglob("*") if p.is_file()
+    }
+
+
+def digest(store: Path) -> str:
+    """The digest by section 14 of the standard."""
+    lines = [
+        f"{hashlib.sha256(data).hexdigest()} {len(data)} {path}\n".encode()
+        for path, data in sorted(files_of(store).items(), key=lambda item: item[0].encode())
+        if not path.startswith("derived/")
+    ]
+    return hashlib.sha256(b"".join(lines)).hexdigest()
+
+
+@pytest.mark.parametrize("case", VALID, ids=name)
+def test_the_dump_of_a_valid_case_has_its_digest(case: Path) -> None:
+    dump = json.loads((case / "dump.json").read_bytes())
+    store = case / expected(case)["store"]
+    if store.name != "dataset":
+        assert dump["digest"] == digest(store)
+        return
+    stores = [*store.glob("episodes/*/*.zarr"), *store.glob("episodes/*/*.zarr.zip")]
+    assert sorted(e["digest"] for e in dump["episodes"]) == sorted(map(digest, stores))
+
+
+def test_a_packed_case_has_the_digest_of_its_folder(tmp_path: Path) -> None:
+    packed = CORPUS / "valid" / "packed__derived"
+    folder = tmp_path / "store.zarr"
+    with zipfile.ZipFile(packed / "store.zarr.zip") as archive:
+        archive.extractall(folder)
+    opened = exumi_data.open(folder)
+    assert isinstance(opened, exumi_data.Episode)
+    twin = CORPUS / "valid" / "derived__activity_and_salient"
+    for case in (packed, twin):
+        assert opened.digest() == json.loads((case / "dump.json").read_bytes())["digest"]

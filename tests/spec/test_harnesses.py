@@ -77,7 +77,7 @@ WRONG_PLACE = """
 import json, sys, pathlib
 expected = json.loads((pathlib.Path(sys.argv[1]).parent / "expected.json").read_bytes())
 problems = [
-    {"code": f["code"], "location": {**f, "index": 7 if f["index"] else None}}
+    {"code": f["code"], "location": {**f, "path": f["path"] + "/data"}}
     for f in expected["findings"]
 ]
 problems.append({"code": "acme:OWN-001", "location": {"path": "zarr.json"}})
@@ -133,6 +133,50 @@ def test_what_cannot_be_run_is_said() -> None:
     assert done.returncode == 2
     assert "/no/such/validator" in done.stderr
     assert run("run_validator.py", *only("NO-SUCH*"), command=["true"]).returncode == 2
+
+
+EVERY_SAMPLE = """
+import json
+where = {"path": "streams/pose/time"}
+problems = [{"code": "TIME-001", "location": where | {"index": i}} for i in (2, 3)]
+print(json.dumps({"problems": problems}))
+raise SystemExit(1)
+"""
+
+
+def test_how_many_samples_are_reported_is_free_unless_asked(tmp_path: Path) -> None:
+    command = program(tmp_path / "validator.py", EVERY_SAMPLE)
+    options = only("TIME-001__tie")
+    assert run("run_validator.py", *options, command=command).returncode == 0
+    exact = run("run_validator.py", *options, "--exact", command=command)
+    assert exact.returncode == 1
+    assert "unexpected" in exact.stdout
+
+
+ADAPTER = CONFORMANCE / "adapters" / "exumi_validator.py"
+STOPS = """
+import json
+print(json.dumps({"problems": [], "exit_code": 0}), flush=True)
+raise SystemExit("no more")
+"""
+
+
+def test_a_batch_is_judged_like_single_cases(tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    options = [*only(*SAMPLE), "--batch", "--exact", "--json", str(report)]
+    done = run("run_validator.py", *options, command=[sys.executable, str(ADAPTER)])
+    assert done.returncode == 0, done.stdout
+    assert differences(report) == []
+
+
+def test_a_batch_that_stops_half_way_is_found(tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    options = [*only("pose__*"), "--batch", "--json", str(report)]
+    done = run("run_validator.py", *options, command=program(tmp_path / "v.py", STOPS))
+    assert done.returncode == 1
+    cases = json.loads(report.read_text())["cases"]
+    assert [d["case"] for d in differences(report)] == cases[1:]
+    assert all("no more" in d["detail"] for d in differences(report))
 
 
 # ---------------------------------------------------------------------------------------- writers
@@ -224,10 +268,11 @@ def test_a_writer_may_say_that_it_cannot_write_something(tmp_path: Path) -> None
 
 
 def test_our_reader_refuses_what_it_has_to() -> None:
-    options = [*only("images__encoded", "DOC-005__newer_split", "ROOT-003__packed"), "--jobs", "2"]
-    done = run("run_reader.py", *options, command=READER)
+    cases = ("images__encoded", "packed__derived", "DOC-005__newer_split", "ROOT-003__packed")
+    damaged = ("SHARD-002__index_checksum", "SHARD-003__*", "IMG-005__checksum", "SAFE-002__link")
+    done = run("run_reader.py", *only(*cases, *damaged), command=READER)
     assert done.returncode == 0, done.stdout
-    assert "3 cases: 3 as expected" in done.stdout
+    assert "8 cases: 8 as expected" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -237,8 +282,10 @@ def test_our_reader_refuses_what_it_has_to() -> None:
         ("print('{}')", "ROOT-003__unknown_feature", "expected 1, found 0"),
         ("print('{}')", "pose__minimal", "$.id: missing"),
         ("print('{')", "pose__minimal", "no JSON"),
+        ("print('{}')", "SHARD-001__deleted", "expected 1, found 0"),
+        ("raise SystemExit(1)", "SAFE-001__parent_folder", "stderr does not say why"),
     ],
-    ids=["silent", "careless", "empty", "no json"],
+    ids=["silent", "careless", "empty", "no json", "fills in", "without a word"],
 )
 def test_a_reader_that_does_not_conform_is_found(
     tmp_path: Path, code: str, case: str, detail: str

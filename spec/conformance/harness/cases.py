@@ -41,6 +41,12 @@ class Case:
         return self.folder / str(self.expected["store"])
 
     @property
+    def dump(self) -> dict[str, Any] | None:
+        """``dump.json``: what a reader has to print; None where the case has none."""
+        path = self.folder / "dump.json"
+        return json.loads(path.read_bytes()) if path.is_file() else None
+
+    @property
     def findings(self) -> list[dict[str, Any]]:
         """What a validator has to find."""
         return list(self.expected["findings"])

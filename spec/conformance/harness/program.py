@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -63,7 +64,12 @@ def options_parser(about: str) -> argparse.ArgumentParser:
         metavar="PATTERN",
         help="such as TIME-*; repeatable",
     )
-    parser.add_argument("--jobs", type=int, default=1, help="programs that run at a time")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count() or 1,
+        help="programs that run at a time; default: one a core",
+    )
     parser.add_argument("--timeout", type=float, default=60.0, help="seconds for one case")
     parser.add_argument("--json", type=Path, help="write what was found to this file")
     parser.add_argument("command", nargs="+", metavar="COMMAND", help="the program, after --")

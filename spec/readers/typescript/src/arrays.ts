@@ -1,13 +1,13 @@
-// Arrays through zarrita, in bounded blocks; a missing shard is damage, never a fill value.
+// Arrays through zarrita, in bounded blocks.
 
 import { createHash } from "node:crypto";
 
-import type { AbsolutePath } from "@zarrita/storage";
 import * as zarr from "zarrita";
 
 import { readDocument, type Files } from "./files.js";
-import { isObject } from "./documents.js";
-import { demand, Refused } from "./refused.js";
+import { safePath } from "./paths.js";
+import { demand } from "./refused.js";
+import { checkShards } from "./shards.js";
 
 const BLOCK_BYTES = 16 * 1024 * 1024;
 
@@ -19,36 +19,13 @@ export interface ArrayDump {
   sha256: string;
 }
 
-/** Open an array, and see that all its shards are there. */
+/** Open an array, and see that all its shards and chunks are there. */
 export async function openArray(files: Files, path: string): Promise<Values> {
+  safePath(path, "zarr.json");
   const document = await readDocument(files, `/${path}/zarr.json`);
   demand(document !== undefined, `${path}: the array is missing`);
-  const array = await zarr.open.v3(zarr.root(files).resolve(path), { kind: "array" });
-  await checkShards(files, path, shardRows(document), array.shape);
-  return array;
-}
-
-function shardRows(document: unknown): number {
-  const grid = isObject(document) ? document["chunk_grid"] : undefined;
-  const settings = isObject(grid) ? grid["configuration"] : undefined;
-  const shape = isObject(settings) ? settings["chunk_shape"] : undefined;
-  const rows: unknown = Array.isArray(shape) ? shape[0] : undefined;
-  if (typeof rows !== "number" || rows < 1) throw new Refused("no regular chunk grid");
-  return rows;
-}
-
-async function checkShards(
-  files: Files,
-  path: string,
-  rows: number,
-  shape: number[],
-): Promise<void> {
-  const tail = "/0".repeat(shape.length - 1);
-  for (let shard = 0; shard * rows < (shape[0] ?? 0); shard += 1) {
-    const key: AbsolutePath = `/${path}/c/${shard}${tail}`;
-    const end = await files.getRange(key, { suffixLength: 4 });
-    demand(end !== undefined, `${path}: shard ${shard} is missing`);
-  }
+  await checkShards(files, path, document);
+  return zarr.open.v3(zarr.root(files).resolve(path), { kind: "array" });
 }
 
 /** Return rows [start, stop) as little-endian bytes. */

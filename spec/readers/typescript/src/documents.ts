@@ -1,5 +1,6 @@
 // The documents: versions first, then the few fields that reading needs.
 
+import { safePath } from "./paths.js";
 import { demand, Refused } from "./refused.js";
 
 const MAJOR = 1;
@@ -85,8 +86,14 @@ export function parseEpisode(group: unknown): Episode {
     streams: Object.entries(streams).map(([name, stream]) => parseStream(name, stream)),
     calibration: Object.values(calibration)
       .map((item) => (isObject(item) ? item["array"] : undefined))
-      .filter((path) => typeof path === "string"),
+      .filter((path) => typeof path === "string")
+      .map((path) => calibrationPath(path, where)),
   };
+}
+
+function calibrationPath(path: string, where: string): string {
+  demand(path.startsWith("calibration/"), `${where}: ${path} is not below calibration/`);
+  return safePath(path, where);
 }
 
 function parseStream(name: string, stream: unknown): Stream {

@@ -2,6 +2,7 @@
 
 import { dumpArray, openArray, type ArrayDump } from "./arrays.js";
 import { parseDerived, parseEpisode, type Stream } from "./documents.js";
+import { digestOf } from "./digest.js";
 import { readDocument, withFiles, type Files } from "./files.js";
 import { dumpImages, type ImagesDump } from "./frames.js";
 import { demand } from "./refused.js";
@@ -19,6 +20,7 @@ export interface EpisodeDump {
   format: "exumi-episode";
   version: string;
   id: string;
+  digest: string;
   streams: StreamDump[];
   arrays: ({ path: string } & ArrayDump)[];
 }
@@ -38,7 +40,8 @@ export async function dumpEpisode(path: string): Promise<EpisodeDump> {
       arrays.push({ path: name, ...(await dumpArray(await openArray(files, name))) });
     }
     const { version, id } = episode;
-    return { dump: 1, format: "exumi-episode", version, id, streams, arrays };
+    const digest = await digestOf(files);
+    return { dump: 1, format: "exumi-episode", version, id, digest, streams, arrays };
   });
 }
 

@@ -2,7 +2,7 @@
 
 import { createHash } from "node:crypto";
 
-import { numbers, openArray, rows } from "./arrays.js";
+import { numbers, openArray, rows, type Values } from "./arrays.js";
 import { crc32c } from "./crc32c.js";
 import type { Stream } from "./documents.js";
 import type { Files } from "./files.js";
@@ -54,10 +54,12 @@ async function jpegFrames(files: Files, stream: Stream, count: number): Promise<
   const offset = await numbers(await openArray(files, `${base}/offset`));
   const checksums = await numbers(await openArray(files, `${base}/crc32c`));
   const found: FrameDump[] = [];
-  for (const index of chosen(count)) {
+  const wanted = new Set(chosen(count));
+  for (let index = 0; index < count; index += 1) {
     const where = `stream ${stream.name}, frame ${index}`;
-    const file = await rows(data, edge(offset, index), edge(offset, index + 1));
+    const file = await part(data, offset, index, where);
     demand(crc32c(file) === checksums[index], `${where}: wrong checksum`);
+    if (!wanted.has(index)) continue;
     const picture = decode(file);
     const { height, width, channels } = stream.images ?? {};
     demand(
@@ -78,14 +80,15 @@ async function videoFiles(
   const offset = await numbers(await openArray(files, `${base}/offset`));
   const found = [];
   for (const [index, { name }] of (stream.images?.files ?? []).entries()) {
-    const file = await rows(data, edge(offset, index), edge(offset, index + 1));
+    const file = await part(data, offset, index, `stream ${stream.name}, file ${index}`);
     found.push({ name, bytes: file.length, sha256: sha256(file) });
   }
   return found;
 }
 
-function edge(offset: number[], index: number): number {
-  const value = offset[index];
-  demand(value !== undefined, `offset has no entry ${index}`);
-  return value;
+/** Return the bytes of one file among those that lie end to end in `data`. */
+async function part(data: Values, offset: number[], index: number, where: string) {
+  const [start = -1, stop = -1] = offset.slice(index, index + 2);
+  demand(0 <= start && start <= stop && stop <= (data.shape[0] ?? 0), `${where}: not in data`);
+  return rows(data, start, stop);
 }

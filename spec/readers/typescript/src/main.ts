@@ -5,13 +5,12 @@ import { join } from "node:path";
 
 import { dumpDataset } from "./dataset.js";
 import { dumpEpisode } from "./episode.js";
+import { orNothing } from "./files.js";
 
 async function main(path: string): Promise<number> {
-  const isDataset = await stat(join(path, "dataset.json")).then(
-    (found) => found.isFile(),
-    () => false,
-  );
   try {
+    const isFolder = (await orNothing(stat(path)))?.isDirectory() ?? false;
+    const isDataset = isFolder && (await orNothing(stat(join(path, "dataset.json")))) !== undefined;
     const dump = await (isDataset ? dumpDataset(path) : dumpEpisode(path));
     process.stdout.write(`${JSON.stringify(dump, undefined, 1)}\n`);
     return 0;
