@@ -7,14 +7,13 @@ is in ``spec/readers/README.md``. Needs nothing but Python.
 Exit code 0: as expected everywhere. 1: differences. 2: could not run.
 """
 
-import json
 import sys
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
 from harness.cases import Case, chosen_cases, json_at
-from harness.commands import Outcome, run
+from harness.commands import Outcome, answer, run
 from harness.dumps import differences
 from harness.program import (
     COULD_NOT_RUN,
@@ -43,7 +42,7 @@ def judge(case: Case, *, options: Options) -> list[Difference]:
         ended = "did not end" if found.code is None else f"ended with {found.code}"
         return [Difference(case.name, "answer", f"the reader {ended}: {found.last_line}")]
     try:
-        dump = json.loads(found.stdout)
+        dump = answer(found.stdout)
     except ValueError as error:
         return [Difference(case.name, "answer", f"no JSON: {error}")]
     return [Difference(case.name, "dump", line) for line in differences(case.dump, dump)]

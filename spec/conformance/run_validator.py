@@ -8,7 +8,6 @@ Needs nothing but Python.
 Exit code 0: as expected everywhere. 1: differences. 2: could not run.
 """
 
-import json
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ from functools import partial
 from typing import Any
 
 from harness.cases import Case, chosen_cases, rules
-from harness.commands import Outcome, run
+from harness.commands import Outcome, answer, run
 from harness.program import (
     COULD_NOT_RUN,
     Difference,
@@ -126,7 +125,7 @@ def judge_batch(cases: list[Case], *, options: Options, how: Comparison) -> list
 def _answer(line: str, outcome: Outcome) -> Outcome:
     """Return one line of a batch as if it were the answer of one run."""
     try:
-        code = json.loads(line)["exit_code"]
+        code = answer(line)["exit_code"]
     except (ValueError, TypeError, KeyError):
         code = 0  # what is wrong with the answer is said where it is read
     return Outcome(code, line, outcome.stderr)
@@ -138,7 +137,7 @@ def _judged(case: Case, outcome: Outcome, how: Comparison) -> Iterator[Differenc
         yield Difference(case.name, "answer", f"{ended}: {outcome.last_line}")
         return
     try:
-        found = reported(json.loads(outcome.stdout))
+        found = reported(answer(outcome.stdout))
     except (ValueError, AnswerError) as error:
         yield Difference(case.name, "answer", str(error))
         return

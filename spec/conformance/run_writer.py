@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.cases import chosen_descriptions, json_at
-from harness.commands import run
+from harness.commands import answer, command_line, run
 from harness.dumps import differences
 from harness.program import (
     COULD_NOT_RUN,
@@ -48,7 +48,7 @@ class Judges:
         """Yield what the validator finds."""
         outcome = run(self.validator, [str(store)], self.timeout_s)
         try:
-            found: list[dict[str, Any]] = json.loads(outcome.stdout)["problems"]
+            found: list[dict[str, Any]] = answer(outcome.stdout)["problems"]
         except (ValueError, KeyError):
             msg = f"the validator gives no report: {outcome.last_line}"
             raise JudgementError(msg) from None
@@ -61,7 +61,7 @@ class Judges:
         outcome = run(self.reader, [str(store)], self.timeout_s)
         if outcome.code != 0:
             raise JudgementError(f"the reader refuses {store.name}: {outcome.last_line}")
-        dump: dict[str, Any] = json.loads(outcome.stdout)
+        dump: dict[str, Any] = answer(outcome.stdout)
         return dump
 
 
@@ -139,11 +139,14 @@ class WriterJudge:
 def main() -> int:
     """Run the program."""
     parser = options_parser(__doc__ or "")
-    parser.add_argument("--validator", default="exumi validate --format json")
-    parser.add_argument("--reader", default=shlex.join([sys.executable, str(OURS)]))
+    default = "exumi validate --format json"
+    parser.add_argument("--validator", type=command_line, default=default)
+    parser.add_argument(
+        "--reader", type=command_line, default=shlex.join([sys.executable, str(OURS)])
+    )
     parsed = parser.parse_args()
     options = read_options(parsed)
-    judges = Judges(shlex.split(parsed.validator), shlex.split(parsed.reader), options.timeout_s)
+    judges = Judges(parsed.validator, parsed.reader, options.timeout_s)
     cases = chosen_descriptions(options.corpus, only=options.only)
     try:
         with tempfile.TemporaryDirectory(prefix="exumi-writer-") as folder:

@@ -294,3 +294,22 @@ def test_a_reader_that_does_not_conform_is_found(
     done = run("run_reader.py", *only(case), command=reader)
     assert done.returncode == 1
     assert detail in done.stdout
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--jobs", "0"), ("--timeout", "-1"), ("--json", "/no/such/folder/report.json")],
+)
+def test_wrong_options_are_said_before_the_work(tmp_path: Path, options: tuple[str, str]) -> None:
+    done = run("run_validator.py", *options, command=program(tmp_path / "any.py", "pass"))
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert f"argument {options[0]}" in done.stderr
+
+
+def test_an_answer_without_end_is_a_wrong_answer(tmp_path: Path) -> None:
+    endless = program(tmp_path / "endless.py", "print('[' * 100_000)")
+    done = run("run_validator.py", *only("pose__minimal"), command=endless)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert "nested too deeply" in done.stdout

@@ -1,13 +1,17 @@
 """Running the program that is judged: as a subprocess, with a time limit."""
 
+import argparse
+import json
 import os
+import shlex
 import signal
 import subprocess
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
-__all__ = ["Outcome", "run"]
+__all__ = ["Outcome", "answer", "command_line", "run"]
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,30 @@ class Outcome:
         """What it said last, for messages."""
         lines = self.stderr.strip().splitlines()
         return lines[-1][:300] if lines else ""
+
+
+def answer(text: str) -> Any:
+    """Parse what a program printed.
+
+    Raises
+    ------
+    ValueError
+        It is no JSON, or nested without end.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        msg = "nested too deeply"
+        raise ValueError(msg) from None
+
+
+def command_line(text: str) -> list[str]:
+    """Cut a command line into words; for `argparse`."""
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        msg = f"cannot be read: {error}"
+        raise argparse.ArgumentTypeError(msg) from None
 
 
 def run(command: Sequence[str], arguments: Sequence[str], timeout_s: float) -> Outcome:

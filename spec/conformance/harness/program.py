@@ -66,14 +66,37 @@ def options_parser(about: str) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--jobs",
-        type=int,
+        type=_positive_count,
         default=os.cpu_count() or 1,
         help="programs that run at a time; default: one a core",
     )
-    parser.add_argument("--timeout", type=float, default=60.0, help="seconds for one case")
-    parser.add_argument("--json", type=Path, help="write what was found to this file")
+    parser.add_argument("--timeout", type=_seconds, default=60.0, help="seconds for one case")
+    parser.add_argument("--json", type=_file, help="write what was found to this file")
     parser.add_argument("command", nargs="+", metavar="COMMAND", help="the program, after --")
     return parser
+
+
+def _positive_count(text: str) -> int:
+    count = int(text)
+    if count < 1:
+        raise ValueError
+    return count
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not seconds > 0:
+        raise ValueError
+    return seconds
+
+
+def _file(text: str) -> Path:
+    """Return a path that can be written: known before the work, not after it."""
+    path = Path(text)
+    if not path.parent.is_dir():
+        msg = f"there is no folder {path.parent}"
+        raise argparse.ArgumentTypeError(msg)
+    return path
 
 
 def read_options(parsed: argparse.Namespace) -> Options:
@@ -81,7 +104,7 @@ def read_options(parsed: argparse.Namespace) -> Options:
     return Options(
         corpus=parsed.corpus,
         only=parsed.only,
-        jobs=max(1, parsed.jobs),
+        jobs=parsed.jobs,
         timeout_s=parsed.timeout,
         json=parsed.json,
         command=parsed.command,
