@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from exumi_data.standard import flags
 from exumi_validators.context import EpisodeContext
+from exumi_validators.windows import windows
 
 __all__ = ["MARGIN", "BoolArray", "Float64Array", "Series", "read_series", "typical_step_s"]
 
@@ -94,7 +95,7 @@ def typical_step_s(series: Series) -> float:
 
 
 def read_series(episode: EpisodeContext, name: str, *arrays: str) -> Iterator[Series]:
-    """Read a stream a few MiB at a time, each block with the samples beside it.
+    """Read a stream window by window, each with the samples beside it.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def read_series(episode: EpisodeContext, name: str, *arrays: str) -> Iterator[Se
         known.append(flag_path)
     gaps = np.array([gap.after for gap in episode.streams[name].gaps or []], dtype=np.int64)
     held: tuple[int, list[np.ndarray], int] | None = None
-    for start, rows in episode.blocks(*known):
+    for start, rows in windows(episode, *known):
         if held is None:
             held = start, list(rows), 0
             continue

@@ -174,14 +174,16 @@ def _curve(episode: EpisodeContext, name: str, path: str) -> _Curve | str:
     if "flags" in stream.arrays:
         paths.append(f"streams/{name}/flags")
     times, values, count = [], [], 0
-    for _, (time, value, *flag) in episode.blocks(*paths):
+    most = _MOST_SAMPLES
+    for _, rows in episode.blocks(*paths):
+        time, value, *flag = (column[: most - count] for column in rows)
         good = np.isfinite(value.reshape(len(value), -1)).all(axis=1)
         if flag:
             good &= (flag[0] & np.uint32(flags()["invalid"].mask)) == 0
         times.append(time[good])
         values.append(value[good])
         count += len(time)
-        if count >= _MOST_SAMPLES:
+        if count >= most:
             break
     if not count:
         return "arrays cannot be read"
