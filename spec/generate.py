@@ -161,7 +161,7 @@ def _catalog() -> str:
 
 def _limits() -> str:
     rows = [
-        (f"[{rule.id}](#{rule.id})", f"`{name}`", f"{value:g}")
+        (f"[{rule.id}]({rule.anchor.removeprefix('quality.md')})", f"`{name}`", f"{value:g}")
         for rule in standard.rules().values()
         for name, value in rule.limits.items()
     ]

@@ -64,6 +64,7 @@ def _limits(episode: EpisodeContext, reference: UInt8Array | None) -> GlanceLimi
         dark_level=dark,
         saturated_level=episode.limit("TACT-007", "saturated_grey_level"),
         saturated_share=episode.limit("TACT-007", "saturated_share"),
+        pixels=int(episode.limit("TACT-007", "pixels")),
     )
 
 
