@@ -1,5 +1,6 @@
 """Times, clocks, sequences, flags and gaps."""
 
+import math
 from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 from exumi_data.model.clock import Clock
 from exumi_data.model.streams import StreamModel, images_of
 from exumi_data.standard import flags, units
-from exumi_data.time import TIME_LIMIT_NS, apply_clock, parse_rate
+from exumi_data.time import NS_PER_S, TIME_LIMIT_NS, apply_clock, parse_rate
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.registry import check
@@ -28,7 +29,6 @@ __all__ = [
     "sequences",
 ]
 
-_NS_PER_S = 1_000_000_000
 _ROUNDING_NS = 1
 
 
@@ -148,6 +148,7 @@ def nominal_grid(episode: EpisodeContext) -> Iterator[Problem]:
         if stream.clock.stamp_point != "nominal_rate" or stream.nominal_rate is None:
             continue
         rate = parse_rate(stream.nominal_rate)
+        # The first time was rounded as well.
         tolerance = 2 * _ROUNDING_NS + _time_base_ns(stream)
         path = f"streams/{name}/time"
         origin: int | None = None
@@ -166,8 +167,8 @@ def nominal_grid(episode: EpisodeContext) -> Iterator[Problem]:
 def _time_base_ns(stream: StreamModel) -> int:
     """Return the longest time base: containers can only write times that are whole units of it."""
     files = getattr(images_of(stream), "files", [])
-    bases = [Fraction(file.time_base) * _NS_PER_S for file in files]
-    return int(max(bases, default=Fraction(0))) + 1 if bases else 0
+    bases = [Fraction(file.time_base) * NS_PER_S for file in files]
+    return math.ceil(max(bases, default=Fraction(0)))
 
 
 def off_grid(time: np.ndarray, origin: int, rate: Fraction) -> np.ndarray:
@@ -187,7 +188,7 @@ def off_grid(time: np.ndarray, origin: int, rate: Fraction) -> np.ndarray:
     (N,) int64 or object
         Nanoseconds.
     """
-    steps, unit = rate.numerator, _NS_PER_S * rate.denominator
+    steps, unit = rate.numerator, NS_PER_S * rate.denominator
     largest = max(abs(int(time.min()) - origin), abs(int(time.max()) - origin)) + 1
     fits = 2 * largest * steps + 2 * unit < 1 << 62
     elapsed: Any = time - np.int64(origin) if fits else time.astype(object) - origin

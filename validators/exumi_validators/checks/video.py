@@ -9,7 +9,7 @@ import numpy as np
 from exumi_data.errors import ExumiError
 from exumi_data.model.images import VideoFile, VideoImages
 from exumi_data.model.streams import RgbStream, StreamModel, TactileStream
-from exumi_data.time import apply_clock
+from exumi_data.time import NS_PER_S, apply_clock
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.frame_statistics import FrameStatistics
@@ -20,7 +20,6 @@ from exumi_validators.video_file import VideoFileReader, looks_like
 
 __all__ = ["containers", "file_index", "file_offsets", "keyframes", "pts_ascends", "time_of_pts"]
 
-_NS_PER_S = 1_000_000_000
 _ROUNDING_NS = 1
 
 
@@ -187,7 +186,7 @@ def _expected_time(
         if index >= len(files):
             return None
         chosen = file == index
-        scale = Fraction(files[index].time_base) * _NS_PER_S
+        scale = Fraction(files[index].time_base) * NS_PER_S
         # Python's integers: pts times the scale may leave 64 bits.
         values: Any = pts[chosen].astype(object)
         twice = 2 * scale.denominator
