@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from exumi_data.standard import flags
 from exumi_validators.context import EpisodeContext
+from exumi_validators.sample_flags import flagged
 from exumi_validators.windows import windows
 
 __all__ = ["MARGIN", "BoolArray", "Float64Array", "Series", "read_series", "typical_step_s"]
@@ -138,8 +138,8 @@ def _series(
     joined = np.ones(max(0, len(time) - 1), dtype=bool)
     if len(rest) > wanted:
         bits = rest[wanted]
-        usable = (bits & np.uint32(flags()["invalid"].mask | flags()["out_of_range"].mask)) == 0
-        joined &= (bits[1:] & np.uint32(flags()["gap_before"].mask)) == 0
+        usable = ~flagged(bits, "invalid", "out_of_range")
+        joined &= ~flagged(bits[1:], "gap_before")
     for rows in values:
         if rows.dtype.kind == "f":
             usable &= np.isfinite(rows.reshape(len(rows), -1)).all(axis=1)

@@ -9,6 +9,7 @@ from exumi_data.errors import DamagedDataError, ExumiError
 from exumi_data.model.images import ArrayImages, EncodedImages
 from exumi_data.model.streams import RgbStream, TactileStream
 from exumi_data.store import jpeg
+from exumi_data.store.images import MAX_FRAME_BYTES
 from exumi_data.store.shards import ArrayReader, crc32c
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import problem
@@ -17,9 +18,7 @@ from exumi_validators.registry import check
 from exumi_validators.report import Problem
 from exumi_validators.touch_pass import begin_statistics
 
-__all__ = ["MAX_FRAME_BYTES", "array_frames", "encoded_frames", "frames", "offsets"]
-
-MAX_FRAME_BYTES = 256 << 20
+__all__ = ["array_frames", "encoded_frames", "frames", "offsets"]
 
 
 def _image_streams(

@@ -15,6 +15,7 @@ from exumi_validators.context import EXUMI, ROOT, EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.registry import check
 from exumi_validators.report import Problem
+from exumi_validators.sample_flags import flagged
 
 __all__ = [
     "flags_fit",
@@ -86,7 +87,7 @@ def raw_time(episode: EpisodeContext) -> Iterator[Problem]:
                 break
             wrong = np.abs(time - expected) > _ROUNDING_NS
             if flag:
-                wrong &= (flag[0] & np.uint32(flags()["time_nudged"].mask)) == 0
+                wrong &= ~flagged(flag[0], "time_nudged")
             if wrong.any():
                 row = int(wrong.argmax())
                 yield problem(
@@ -203,16 +204,16 @@ def sequences(episode: EpisodeContext) -> Iterator[Problem]:
         if "sequence" not in stream.arrays:
             continue
         path = f"streams/{name}/sequence"
-        flagged = flags_fit(episode, name)
-        paths = (path, f"streams/{name}/flags") if flagged else (path,)
+        has_flags = flags_fit(episode, name)
+        paths = (path, f"streams/{name}/flags") if has_flags else (path,)
         last: np.ndarray | None = None
         for start, (sequence, *flag) in episode.blocks(*paths):
             back = np.zeros(len(sequence), dtype=bool)
             back[1:] = sequence[1:] <= sequence[:-1]
             before = np.concatenate((sequence[:1] if last is None else last, sequence[:-1]))
             back[0] = last is not None and bool(sequence[0] <= last[0])
-            if flagged:
-                back &= (flag[0] & np.uint32(flags()["out_of_order"].mask)) == 0
+            if has_flags:
+                back &= ~flagged(flag[0], "out_of_order")
             if back.any():
                 row = int(back.argmax())
                 expected, found = int(before[row]), int(sequence[row])
