@@ -83,6 +83,14 @@ def _container_type(schema: dict[str, Any]) -> str:
     return str(kind) if kind else "anything"
 
 
+def _default(field: dict[str, Any]) -> str:
+    """Write what an absent field means, where that is neither null nor empty."""
+    value = field.get("default")
+    if value is None or value in ([], {}):
+        return ""
+    return f", default `{json.dumps(value, ensure_ascii=False)}`"
+
+
 def fields(name: str) -> str:
     """Return the table of a model's fields."""
     definitions = _definitions()
@@ -95,7 +103,7 @@ def fields(name: str) -> str:
     for key, field in schema["properties"].items():
         if key in known:
             continue
-        need = "REQUIRED" if key in required else "OPTIONAL"
+        need = "REQUIRED" if key in required else f"OPTIONAL{_default(field)}"
         text = " ".join(str(field.get("description", "")).replace("``", "`").split())
         rows.append((f"`{key}`", type_of(field), need, text))
     return table(("field", "type", "", "meaning"), rows)
@@ -161,7 +169,7 @@ def _catalog() -> str:
 
 def _limits() -> str:
     rows = [
-        (f"[{rule.id}](#{rule.id})", f"`{name}`", f"{value:g}")
+        (f"[{rule.id}]({rule.anchor.removeprefix('quality.md')})", f"`{name}`", f"{value:g}")
         for rule in standard.rules().values()
         for name, value in rule.limits.items()
     ]

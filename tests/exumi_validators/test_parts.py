@@ -99,7 +99,7 @@ def test_dates(timestamp: str | None, real: bool) -> None:
 
 
 def runs(values: str, step_s: float) -> list[tuple[int, int]]:
-    frozen = FrozenFrames()
+    frozen = FrozenFrames(longer_than_s=1.0, frames=3)
     found = [frozen.add(i, int(i * step_s * 1e9), ord(v)) for i, v in enumerate(values)]
     return [run[:2] for run in (*found, frozen.end()) if run]
 

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from exumi_data.model import ArrayImages, Clock, Embodiment, Frames
+from exumi_data.store.access import FolderStore
 from exumi_data.store.episode_writer import EpisodeWriter
-from exumi_validators import Report, validate
+from exumi_validators import Report, context, validate
+from exumi_validators.checks import sync
+from exumi_validators.context import EpisodeContext
+from exumi_validators.listing import list_folder
 from tests.exumi_data.builders import CLOCK, metadata
 from tests.exumi_data.synchronisation.gripping import (
     CONTACT_M,
@@ -236,7 +240,9 @@ RESTING = width(values=np.full(800, CONTACT_M))
 
 
 @pytest.mark.parametrize(
-    ("late_ms", "code"), [(0, None), (-30, "SYNC-002"), (30, "SYNC-002"), (100, "SYNC-001")]
+    ("late_ms", "code"),
+    # Of a hand no less than three times 5 ms are known.
+    [(0, None), (14, None), (-30, "SYNC-002"), (30, "SYNC-002"), (100, "SYNC-001")],
 )
 @pytest.mark.parametrize(
     ("streams", "changes"), [([], {"embodiment": PROBE}), ([RESTING], {})], ids=["probe", "resting"]
@@ -265,3 +271,18 @@ def test_touch_that_is_out_of_step_judges_no_pose(judged: Callable[..., Report])
     report = judged(width(), tactile(late_s=0.1), pose())
     assert found(report) == [("SYNC-001", clock_of("tactile"))]
     assert skipped(report) == [("no tap that tells", "streams/pose")]
+
+
+@pytest.mark.parametrize("block_bytes", [1 << 10, 1 << 22])
+def test_as_many_samples_are_taken_however_they_are_read(
+    good: Path, monkeypatch: pytest.MonkeyPatch, block_bytes: int
+) -> None:
+    monkeypatch.setattr(sync, "_MOST_SAMPLES", 3)
+    monkeypatch.setattr(context, "_BLOCK_BYTES", block_bytes)
+    store = FolderStore(good)
+    curve = sync._curve(
+        EpisodeContext(store, list_folder(str(good))), "width", "streams/width/data"
+    )
+    store.close()
+    assert not isinstance(curve, str)
+    assert len(curve.time_ns) == len(curve.values) == 3

@@ -294,6 +294,14 @@ def test_nominal_times_have_gaps_too() -> None:
     ]
 
 
+@pytest.mark.parametrize(("off_ns", "alarm"), [(2, False), (-2, False), (3, True), (-3, True)])
+def test_nominal_times_lie_on_their_grid_to_2_ns(off_ns: int, alarm: bool) -> None:
+    time = np.arange(40, dtype=np.int64) * 100_000_000
+    time[30] += off_ns
+    report = judge(time, nominal_rate="10", clock=NOMINAL)
+    assert found(report) == ([("TIME-004", 30)] if alarm else [])
+
+
 def test_gaps_are_found_in_long_streams_once() -> None:
     kept = np.delete(np.arange(1_200_000, dtype=np.int64), [*range(524_285, 524_295), 1_100_000])
     kept = np.delete(kept, slice(1_090_000, 1_090_005))

@@ -26,7 +26,7 @@ from tests.exumi_data.builders import CLOCK, clip, edit_metadata, episode_id, me
 
 SIDE = 48
 FRAMES = 40
-LIMITS = GlanceLimits(dark_level=10, saturated_level=250, saturated_share=0.1)
+LIMITS = GlanceLimits(dark_level=10, saturated_level=250, saturated_share=0.1, pixels=600)
 
 
 def gel(seed: int = 0, side: int = SIDE) -> np.ndarray:
@@ -360,26 +360,48 @@ def looks(
     """Statistics of grey frames of level 100."""
     found = FrameStatistics(size, LIMITS, kept=kept, searched=searched)
     for index in range(count):
-        if found.wants(index):
-            found.add(index, np.full((*size, 1), 100, np.uint8))
+        found.add(index, np.full((*size, 1), 100, np.uint8))
     found.end()
     yield found
 
 
 def test_memory_does_not_grow_with_frames() -> None:
     (found,) = looks(5000, [0, 2500], [])
-    assert found.glanced == 625
+    assert found.glanced == 5000
     assert sorted(found.thumbnails) == [0, 2500]
     assert not found._frames
-    assert not found._pixels
+    assert found._pixels is not None
+    assert len(found._pixels) == 64
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 4000), (3000, 2), (480, 640)])
 def test_images_of_any_shape_are_sampled(size: tuple[int, int]) -> None:
     (found,) = looks(9, [0, 1, 2], [], size)
-    assert (found.glanced, found.dark.count, found.saturated.count) == (2, 0, 0)
+    assert (found.glanced, found.dark.count, found.saturated.count) == (9, 0, 0)
     for image in found.thumbnails.values():
         assert image.size <= 20_000
+
+
+def test_frames_of_two_ranges_are_not_mixed() -> None:
+    from exumi_data.store.video import LIMITED_TO_FULL
+
+    found = FrameStatistics((24, 32), LIMITS, kept=[], searched=[])
+    for index in range(4):
+        levels = LIMITED_TO_FULL if index in (1, 2) else None
+        found.add(index, np.full((24, 32), 20, np.uint8), levels=levels)
+    found.end()
+    assert (found.glanced, found.dark.count, found.dark.first) == (4, 2, 1)  # 20 stands for 5
+
+
+@pytest.mark.parametrize("level", [0, 255])
+def test_every_frame_is_judged(tmp_path: Path, level: int) -> None:
+    frames = recorded(gel())
+    frames[[index for index in range(FRAMES) if index % 8]] = level
+    report = write(tmp_path / "e.zarr", frames, gel())
+    code = "TACT-008" if level == 0 else "TACT-007"
+    (problem,) = (p for p in report.problems if p.code == code)
+    assert problem.location.index == 1
+    assert "35 of 40 frames" in problem.message
 
 
 def test_stored_levels_are_translated() -> None:

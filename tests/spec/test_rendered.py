@@ -27,6 +27,13 @@ def test_the_schema_is_that_of_the_model(spec: Path, name: str) -> None:
     assert json.loads(path.read_text("utf-8")) == json_schema(name)
 
 
+def test_defaults_are_in_the_tables(spec: Path) -> None:
+    text = (spec / "1.0" / "episode.md").read_text("utf-8")
+    for field, default in (("revision", "1"), ("gripper", '"parallel"'), ("drift_ppm", "0.0")):
+        (row,) = (line for line in text.splitlines() if line.startswith(f"| `{field}` |"))
+        assert f"OPTIONAL, default `{default}`" in row
+
+
 def test_the_corpus_is_made_anew_byte_by_byte(spec: Path, corpus: Path, tmp_path: Path) -> None:
     generate = str(spec / "conformance" / "generate.py")
     target = tmp_path / "corpus"

@@ -1,8 +1,8 @@
 """What the one pass over the frames of a tactile stream leaves behind for the rules of touch.
 
-Frames are decoded once, by the checks of images and of video. They hand frames on to here, where a
-few are looked at, and of those only a few pixels: that must cost little against decoding. Memory
-does not grow with the number of frames.
+Frames are decoded once, by the checks of images and of video. They hand every frame on to here,
+where the pixels of a grid are looked at: that must cost little against decoding. Memory does not
+grow with the number of frames.
 """
 
 import math
@@ -20,11 +20,8 @@ __all__ = ["FrameStatistics", "GlanceLimits", "Tally"]
 
 UInt8Array = npt.NDArray[np.uint8]
 
-_GLANCE_EVERY = 8
-_GLANCE_PIXELS = 600
 _BATCH = 64
 _FEWEST = 3
-_TO_GREY = np.array([0.299, 0.587, 0.114], np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,11 +36,20 @@ class GlanceLimits:
         Grey level from which a pixel is saturated.
     saturated_share : float
         Share of saturated pixels above which a frame is saturated.
+    pixels : int
+        How many pixels of a frame the grid has that it is judged by, about.
     """
 
     dark_level: float
     saturated_level: float
     saturated_share: float
+    pixels: int
+
+    def grid(self, height: int, width: int) -> tuple[slice, slice]:
+        """Return the rows and the columns of a frame that it is judged by."""
+        step = max(1, math.isqrt(height * width // max(1, self.pixels)))
+        first = step // 2
+        return slice(min(first, height - 1), None, step), slice(min(first, width - 1), None, step)
 
 
 @dataclass(slots=True)
@@ -108,16 +114,10 @@ class FrameStatistics:
         self._limits = limits
         self._kept, self._searched = frozenset(kept), frozenset(searched)
         self._ignored = ignored
-        step = max(1, math.isqrt(size[0] * size[1] // _GLANCE_PIXELS))
-        first = (min(step // 2, size[0] - 1), min(step // 2, size[1] - 1))
-        self._chosen = slice(first[0], None, step), slice(first[1], None, step)
-        self._pixels: list[UInt8Array] = []
+        self._grid = limits.grid(*size)
+        self._pixels: UInt8Array | None = None
         self._frames: list[int] = []
         self._levels: UInt8Array | None = None
-
-    def wants(self, index: int) -> bool:
-        """Whether a frame is to be looked at."""
-        return index % _GLANCE_EVERY == 0 or index in self._kept or index in self._searched
 
     @cached_property
     def quiet(self) -> UInt8Array | None:
@@ -147,12 +147,14 @@ class FrameStatistics:
         levels : (256,) uint8, optional
             The grey level that each stored level stands for; the same for all frames.
         """
-        if index % _GLANCE_EVERY == 0:
+        if levels is not self._levels or len(self._frames) == _BATCH:
+            self.end()
             self._levels = levels
-            self._pixels.append(frame[self._chosen].copy())
-            self._frames.append(index)
-            if len(self._frames) == _BATCH:
-                self.end()
+        pixels = frame[self._grid]
+        if self._pixels is None:
+            self._pixels = np.empty((_BATCH, *pixels.shape), np.uint8)
+        self._pixels[len(self._frames)] = pixels
+        self._frames.append(index)
         if index in self._kept:
             small = thumbnail(to_grey(frame))
             self.thumbnails[index] = small if levels is None else levels[small]
@@ -164,28 +166,26 @@ class FrameStatistics:
 
     def end(self) -> None:
         """Judge what was collected since the last time."""
-        if not self._frames:
+        if not self._frames or self._pixels is None:
             return
-        frames = np.array(self._frames, np.int64)
-        grey = self._grey(np.stack(self._pixels))
-        self._pixels.clear()
+        frames, grey = np.array(self._frames, np.int64), self._grey(self._pixels)
         self._frames.clear()
         if self._ignored is not None:
             judged = ~self._ignored[frames]
             frames, grey = frames[judged], grey[judged]
         limits = self._limits
         self.glanced += len(frames)
-        mean = grey.mean(axis=1)
+        mean = grey.mean(axis=1, dtype=np.float32)
         share = (grey >= limits.saturated_level).mean(axis=1, dtype=np.float32)
         dark, saturated = mean < limits.dark_level, share > limits.saturated_share
         self.dark.add(frames[dark], mean[dark])
         self.saturated.add(frames[saturated], share[saturated])
 
-    def _grey(self, pixels: UInt8Array) -> npt.NDArray[np.float32]:
-        """Grey levels, (n, pixels)."""
+    def _grey(self, pixels: UInt8Array) -> UInt8Array:
+        """Grey levels of what was collected, (n, pixels)."""
+        taken = pixels[: len(self._frames)]
+        if taken.ndim == 4:
+            taken = to_grey(taken.reshape(len(taken), -1, taken.shape[3]))
         if self._levels is not None:
-            pixels = self._levels[pixels]
-        flat = pixels.astype(np.float32)
-        if pixels.ndim == 4:
-            flat = flat @ _TO_GREY if pixels.shape[3] == 3 else flat[..., 0]
-        return flat.reshape(len(pixels), -1)
+            taken = self._levels[taken]
+        return taken.reshape(len(taken), -1)

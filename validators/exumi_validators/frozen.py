@@ -2,17 +2,22 @@
 
 __all__ = ["FrozenFrames"]
 
-_FROZEN_S = 1.0
-_FROZEN_FRAMES = 3
-
 
 class FrozenFrames:
-    """Finds runs of equal frames that last longer than a second.
+    """Finds runs of equal frames that last too long.
 
     A sensor's noise makes every frame another one: equal frames were repeated.
+
+    Parameters
+    ----------
+    longer_than_s : float
+        A run that lasts longer is frozen, seconds,
+    frames : float
+        if it has as many frames.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, longer_than_s: float, frames: float) -> None:
+        self._longer_than_s, self._frames = longer_than_s, frames
         self._value: int | None = None
         self._first = 0
         self._count = 0
@@ -46,6 +51,6 @@ class FrozenFrames:
     def end(self) -> tuple[int, int, float] | None:
         """Return the run that is under way, if it is a frozen one."""
         duration_s = (self._last_ns - self._start_ns) * 1e-9
-        if self._count < _FROZEN_FRAMES or duration_s <= _FROZEN_S:
+        if self._count < self._frames or duration_s <= self._longer_than_s:
             return None
         return self._first, self._count, duration_s

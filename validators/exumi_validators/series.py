@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from exumi_data.standard import flags
 from exumi_validators.context import EpisodeContext
+from exumi_validators.sample_flags import flagged
+from exumi_validators.windows import windows
 
 __all__ = ["MARGIN", "BoolArray", "Float64Array", "Series", "read_series", "typical_step_s"]
 
@@ -94,7 +95,7 @@ def typical_step_s(series: Series) -> float:
 
 
 def read_series(episode: EpisodeContext, name: str, *arrays: str) -> Iterator[Series]:
-    """Read a stream a few MiB at a time, each block with the samples beside it.
+    """Read a stream window by window, each with the samples beside it.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def read_series(episode: EpisodeContext, name: str, *arrays: str) -> Iterator[Se
         known.append(flag_path)
     gaps = np.array([gap.after for gap in episode.streams[name].gaps or []], dtype=np.int64)
     held: tuple[int, list[np.ndarray], int] | None = None
-    for start, rows in episode.blocks(*known):
+    for start, rows in windows(episode, *known):
         if held is None:
             held = start, list(rows), 0
             continue
@@ -137,8 +138,8 @@ def _series(
     joined = np.ones(max(0, len(time) - 1), dtype=bool)
     if len(rest) > wanted:
         bits = rest[wanted]
-        usable = (bits & np.uint32(flags()["invalid"].mask | flags()["out_of_range"].mask)) == 0
-        joined &= (bits[1:] & np.uint32(flags()["gap_before"].mask)) == 0
+        usable = ~flagged(bits, "invalid", "out_of_range")
+        joined &= ~flagged(bits[1:], "gap_before")
     for rows in values:
         if rows.dtype.kind == "f":
             usable &= np.isfinite(rows.reshape(len(rows), -1)).all(axis=1)

@@ -7,13 +7,13 @@ import numpy as np
 import numpy.typing as npt
 
 from exumi_data.model.streams import StreamModel
-from exumi_data.standard import flags
 from exumi_validators.checks.time import flags_fit
 from exumi_validators.context import EpisodeContext
+from exumi_validators.sample_flags import flagged
+from exumi_validators.windows import CARRIED_SAMPLES, windows
 
 __all__ = ["DeclaredGaps", "Stretch", "stretches"]
 
-_CARRIED = 8192
 _FAR = 1 << 62
 
 Mask = npt.NDArray[np.bool_]
@@ -53,8 +53,7 @@ class Stretch:
         -------
         (N,) bool
         """
-        mask = np.uint32(sum(flags()[name].mask for name in names))
-        return np.asarray((self.flags & mask) != 0)
+        return flagged(self.flags, *names)
 
     def fresh_only(self, intervals: Mask) -> npt.NDArray[np.int64]:
         """Return the intervals of a mask that the stretch before did not have, (K,) int64.
@@ -68,7 +67,7 @@ class Stretch:
 
 
 def stretches(episode: EpisodeContext, name: str, *others: str) -> Iterator[Stretch]:
-    """Read the times of a stream, and arrays beside them, a few MiB at a time.
+    """Read the times of a stream, and arrays beside them, window by window.
 
     Every stretch but the first begins with the last samples of the one before, so that none is
     too short to be judged, and nothing between two is missed.
@@ -85,10 +84,10 @@ def stretches(episode: EpisodeContext, name: str, *others: str) -> Iterator[Stre
     ------
     Stretch
     """
-    flagged = flags_fit(episode, name)
-    arrays = ("time", *(("flags",) if flagged else ()), *others)
+    has_flags = flags_fit(episode, name)
+    arrays = ("time", *(("flags",) if has_flags else ()), *others)
     kept: tuple[np.ndarray, ...] = ()
-    for start, block in episode.blocks(*(f"streams/{name}/{array}" for array in arrays)):
+    for start, block in windows(episode, *(f"streams/{name}/{array}" for array in arrays)):
         rows = (
             tuple(np.concatenate(both) for both in zip(kept, block, strict=True)) if kept else block
         )
@@ -98,10 +97,10 @@ def stretches(episode: EpisodeContext, name: str, *others: str) -> Iterator[Stre
             first=start - carried,
             carried=carried,
             time=time,
-            flags=rows[1] if flagged else np.zeros(len(time), dtype=np.uint32),
-            others=rows[1 + flagged :],
+            flags=rows[1] if has_flags else np.zeros(len(time), dtype=np.uint32),
+            others=rows[1 + has_flags :],
         )
-        kept = tuple(column[-_CARRIED:] for column in rows)
+        kept = tuple(column[-CARRIED_SAMPLES:] for column in rows)
 
 
 class DeclaredGaps:

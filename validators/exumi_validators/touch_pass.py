@@ -7,10 +7,10 @@ import numpy.typing as npt
 
 from exumi_data.errors import ExumiError
 from exumi_data.model.streams import TactileStream
-from exumi_data.standard import flags
 from exumi_data.tactile import thumbnail, to_grey
 from exumi_validators.context import EpisodeContext
 from exumi_validators.frame_statistics import FrameStatistics, GlanceLimits, UInt8Array
+from exumi_validators.sample_flags import flagged
 
 __all__ = ["begin_statistics", "image_of", "spread", "stored_rows"]
 
@@ -36,8 +36,8 @@ def begin_statistics(episode: EpisodeContext, name: str) -> FrameStatistics | No
     if not isinstance(stream, TactileStream) or not count:
         return None
     activity = stored_rows(episode, f"derived/{name}/activity", count)
-    flagged = stored_rows(episode, f"streams/{name}/flags", count)
-    ignored = None if flagged is None else (flagged & np.uint32(flags()["invalid"].mask)) != 0
+    bits = stored_rows(episode, f"streams/{name}/flags", count)
+    ignored = None if bits is None else flagged(bits, "invalid")
     if activity is not None and ignored is not None:
         activity = np.where(ignored, np.nan, activity)
     reference = image_of(episode, f"streams/{name}/reference")
@@ -64,6 +64,7 @@ def _limits(episode: EpisodeContext, reference: UInt8Array | None) -> GlanceLimi
         dark_level=dark,
         saturated_level=episode.limit("TACT-007", "saturated_grey_level"),
         saturated_share=episode.limit("TACT-007", "saturated_share"),
+        pixels=int(episode.limit("TACT-007", "pixels")),
     )
 
 

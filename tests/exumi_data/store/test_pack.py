@@ -108,7 +108,8 @@ def test_how_members_are_stored(episode: Path) -> None:
     assert depths == sorted(depths)
     for info in infos:
         assert info.compress_type == zipfile.ZIP_STORED
-        assert not info.flag_bits & 0x9  # neither encrypted nor with a data descriptor
+        assert info.flag_bits == 0  # not encrypted, no data descriptor, names are ASCII
+        assert (info.create_system, info.create_version, info.extract_version) == (3, 20, 20)
         assert info.date_time == (1980, 1, 1, 0, 0, 0)
         assert info.external_attr >> 16 == stat.S_IFREG | 0o644
         assert info.extra == b""

@@ -12,11 +12,11 @@ from exumi_data.model.streams import (
     WidthStream,
     WrenchStream,
 )
-from exumi_data.standard import flags
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.registry import check
 from exumi_validators.report import Problem
+from exumi_validators.sample_flags import flagged
 
 __all__ = [
     "finite_values",
@@ -64,11 +64,11 @@ def _valid_blocks(
     path, flag_path = f"streams/{name}/{array}", f"streams/{name}/flags"
     reader = episode.reader(flag_path)
     data = episode.reader(path)
-    flagged = reader is not None and data is not None and reader.shape[0] == data.shape[0]
-    for start, blocks in episode.blocks(path, *((flag_path,) if flagged else ())):
+    has_flags = reader is not None and data is not None and reader.shape[0] == data.shape[0]
+    for start, blocks in episode.blocks(path, *((flag_path,) if has_flags else ())):
         usable = np.ones(len(blocks[0]), dtype=bool)
-        if flagged:
-            usable = (blocks[1] & np.uint32(flags()["invalid"].mask)) == 0
+        if has_flags:
+            usable = ~flagged(blocks[1], "invalid")
         yield start, blocks[0], usable
 
 

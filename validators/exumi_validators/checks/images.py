@@ -9,6 +9,7 @@ from exumi_data.errors import DamagedDataError, ExumiError
 from exumi_data.model.images import ArrayImages, EncodedImages
 from exumi_data.model.streams import RgbStream, TactileStream
 from exumi_data.store import jpeg
+from exumi_data.store.images import MAX_FRAME_BYTES
 from exumi_data.store.shards import ArrayReader, crc32c
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import problem
@@ -17,9 +18,7 @@ from exumi_validators.registry import check
 from exumi_validators.report import Problem
 from exumi_validators.touch_pass import begin_statistics
 
-__all__ = ["MAX_FRAME_BYTES", "array_frames", "encoded_frames", "frames", "offsets"]
-
-MAX_FRAME_BYTES = 256 << 20
+__all__ = ["array_frames", "encoded_frames", "frames", "offsets"]
 
 
 def _image_streams(
@@ -91,7 +90,7 @@ def encoded_frames(episode: EpisodeContext, name: str, images: EncodedImages) ->
     if math.prod(size) > MAX_FRAME_BYTES or f"{base}/offset" not in episode.scanned:
         return
     out = np.empty(size, dtype=np.uint8)
-    frozen, statistics = FrozenFrames(), begin_statistics(episode, name)
+    frozen, statistics = _frozen_frames(episode), begin_statistics(episode, name)
     for start, (time, crc) in episode.blocks(f"{base}/time", f"{base}/crc32c"):
         edges = offset.rows(start, start + len(time) + 1).tolist()
         for row, instant in enumerate(time.tolist()):
@@ -109,7 +108,7 @@ def encoded_frames(episode: EpisodeContext, name: str, images: EncodedImages) ->
                 continue
             mistakes = list(_file_problems(file, index, f"{base}/data", int(crc[row]), images, out))
             yield from mistakes
-            if statistics is not None and not mistakes and statistics.wants(index):
+            if statistics is not None and not mistakes:
                 statistics.add(index, out)
                 statistics.search(index, out)
             episode.frames += 1
@@ -163,7 +162,7 @@ def array_frames(episode: EpisodeContext, name: str) -> Iterator[Problem]:
     data, count = episode.reader(f"{base}/data"), episode.count(name)
     if data is None or data.shape[0] != count:
         return
-    frozen, statistics = FrozenFrames(), begin_statistics(episode, name)
+    frozen, statistics = _frozen_frames(episode), begin_statistics(episode, name)
     for start, (time,) in episode.blocks(f"{base}/time"):
         for row, instant in enumerate(time.tolist()):
             index = start + row
@@ -173,7 +172,7 @@ def array_frames(episode: EpisodeContext, name: str) -> Iterator[Problem]:
                 reason = str(getattr(error, "what", error))
                 yield problem("IMG-006", f"{base}/data", index=index, detail=reason)
                 continue
-            if statistics is not None and statistics.wants(index):
+            if statistics is not None:
                 image = np.frombuffer(frame, np.uint8).reshape(data.shape[1:])
                 statistics.add(index, image)
                 statistics.search(index, image)
@@ -187,6 +186,13 @@ def array_frames(episode: EpisodeContext, name: str) -> Iterator[Problem]:
 def _pixels(data: ArrayReader, index: int) -> bytes:
     row_bytes = data.document.row_bytes
     return data.bytes_at(index * row_bytes, row_bytes)
+
+
+def _frozen_frames(episode: EpisodeContext) -> FrozenFrames:
+    return FrozenFrames(
+        longer_than_s=episode.limit("IMG-009", "same_s"),
+        frames=episode.limit("IMG-009", "frames"),
+    )
 
 
 def _frozen(run: tuple[int, int, float] | None, path: str) -> Iterator[Problem]:

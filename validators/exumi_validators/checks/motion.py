@@ -29,7 +29,6 @@ __all__ = ["pose_motion", "width_in_calibration", "width_motion"]
 
 # A file that is nothing but breaks is not worth the time to count them all.
 _MOST = 1000
-_SMALLEST_COUNTER = 256
 # Fast steps of a width this close together are one event, such as a reading out and back.
 _NEAR = 2
 
@@ -213,7 +212,8 @@ def _fast_widths(episode: EpisodeContext, name: str, raw: RawData | None) -> Ite
             continue
         wrapped = np.zeros(len(fast), dtype=bool)
         if raw is not None and counted:
-            wrapped = fast & _wraps(series.values[1], raw.modulus)
+            least = episode.limit("WIDTH-003", "least_modulus")
+            wrapped = fast & _wraps(series.values[1], raw.modulus, least)
         for code, steps in (("WIDTH-003", wrapped), ("WIDTH-005", fast & ~_beside(wrapped))):
             at = np.flatnonzero(steps[series.own])[:_MOST] + series.own.start
             places[code] += [(series.start + step + 1, float(speed[step])) for step in at.tolist()]
@@ -232,17 +232,17 @@ def _speed(series: Series, least_s: float) -> Float64Array:
     return np.asarray(np.where(series.joined, steps / series.step_s(least_s), 0.0))
 
 
-def _wraps(counts: np.ndarray, modulus: int | None) -> BoolArray:
+def _wraps(counts: np.ndarray, modulus: int | None, least: float) -> BoolArray:
     """Return the steps at which a counter goes over its end.
 
-    Where nobody says what the end is, it is taken for the next power of two.
+    Where nobody says what the end is, it is taken for the next power of two, at least `least`.
     """
     flat = counts.reshape(len(counts), -1)[:, 0].astype(np.float64)
     if modulus is None:
         top = float(np.nanmax(flat, initial=0.0))
-        if not _SMALLEST_COUNTER <= top + 1 < 1 << 53:
+        modulus = 1 << int(top).bit_length() if 0 <= top < 1 << 53 else 0
+        if modulus < max(least, 1):
             return np.zeros(len(flat) - 1, dtype=bool)
-        modulus = 1 << int(top).bit_length()
     with np.errstate(all="ignore"):
         return np.asarray(np.abs(np.diff(flat)) > modulus / 2, dtype=bool)
 

@@ -14,7 +14,7 @@ from exumi_data.model.streams import (
     images_of,
 )
 from exumi_data.standard import units
-from exumi_validators.checks.images import MAX_FRAME_BYTES
+from exumi_data.store.images import MAX_FRAME_BYTES
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.registry import check

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exumi_data.standard import flags
 from exumi_data.synchronisation import (
     LatencyEstimate,
     estimate_tap_latency,
@@ -21,6 +20,7 @@ from exumi_validators.context import EXUMI, ROOT, EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.registry import Finding, check
 from exumi_validators.report import Problem, Skipped
+from exumi_validators.sample_flags import flagged
 
 __all__ = ["latency"]
 
@@ -174,10 +174,11 @@ def _curve(episode: EpisodeContext, name: str, path: str) -> _Curve | str:
     if "flags" in stream.arrays:
         paths.append(f"streams/{name}/flags")
     times, values, count = [], [], 0
-    for _, (time, value, *flag) in episode.blocks(*paths):
+    for _, rows in episode.blocks(*paths):
+        time, value, *flag = (column[: _MOST_SAMPLES - count] for column in rows)
         good = np.isfinite(value.reshape(len(value), -1)).all(axis=1)
         if flag:
-            good &= (flag[0] & np.uint32(flags()["invalid"].mask)) == 0
+            good &= ~flagged(flag[0], "invalid")
         times.append(time[good])
         values.append(value[good])
         count += len(time)

@@ -1,5 +1,6 @@
 """Times, clocks, sequences, flags and gaps."""
 
+import math
 from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
@@ -9,11 +10,12 @@ import numpy as np
 from exumi_data.model.clock import Clock
 from exumi_data.model.streams import StreamModel, images_of
 from exumi_data.standard import flags, units
-from exumi_data.time import TIME_LIMIT_NS, apply_clock, parse_rate
+from exumi_data.time import NS_PER_S, TIME_LIMIT_NS, apply_clock, parse_rate
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.registry import check
 from exumi_validators.report import Problem
+from exumi_validators.sample_flags import flagged
 
 __all__ = [
     "flags_fit",
@@ -28,7 +30,6 @@ __all__ = [
     "sequences",
 ]
 
-_NS_PER_S = 1_000_000_000
 _ROUNDING_NS = 1
 
 
@@ -86,7 +87,7 @@ def raw_time(episode: EpisodeContext) -> Iterator[Problem]:
                 break
             wrong = np.abs(time - expected) > _ROUNDING_NS
             if flag:
-                wrong &= (flag[0] & np.uint32(flags()["time_nudged"].mask)) == 0
+                wrong &= ~flagged(flag[0], "time_nudged")
             if wrong.any():
                 row = int(wrong.argmax())
                 yield problem(
@@ -148,6 +149,7 @@ def nominal_grid(episode: EpisodeContext) -> Iterator[Problem]:
         if stream.clock.stamp_point != "nominal_rate" or stream.nominal_rate is None:
             continue
         rate = parse_rate(stream.nominal_rate)
+        # The first time was rounded as well.
         tolerance = 2 * _ROUNDING_NS + _time_base_ns(stream)
         path = f"streams/{name}/time"
         origin: int | None = None
@@ -166,8 +168,8 @@ def nominal_grid(episode: EpisodeContext) -> Iterator[Problem]:
 def _time_base_ns(stream: StreamModel) -> int:
     """Return the longest time base: containers can only write times that are whole units of it."""
     files = getattr(images_of(stream), "files", [])
-    bases = [Fraction(file.time_base) * _NS_PER_S for file in files]
-    return int(max(bases, default=Fraction(0))) + 1 if bases else 0
+    bases = [Fraction(file.time_base) * NS_PER_S for file in files]
+    return math.ceil(max(bases, default=Fraction(0)))
 
 
 def off_grid(time: np.ndarray, origin: int, rate: Fraction) -> np.ndarray:
@@ -187,7 +189,7 @@ def off_grid(time: np.ndarray, origin: int, rate: Fraction) -> np.ndarray:
     (N,) int64 or object
         Nanoseconds.
     """
-    steps, unit = rate.numerator, _NS_PER_S * rate.denominator
+    steps, unit = rate.numerator, NS_PER_S * rate.denominator
     largest = max(abs(int(time.min()) - origin), abs(int(time.max()) - origin)) + 1
     fits = 2 * largest * steps + 2 * unit < 1 << 62
     elapsed: Any = time - np.int64(origin) if fits else time.astype(object) - origin
@@ -202,16 +204,16 @@ def sequences(episode: EpisodeContext) -> Iterator[Problem]:
         if "sequence" not in stream.arrays:
             continue
         path = f"streams/{name}/sequence"
-        flagged = flags_fit(episode, name)
-        paths = (path, f"streams/{name}/flags") if flagged else (path,)
+        has_flags = flags_fit(episode, name)
+        paths = (path, f"streams/{name}/flags") if has_flags else (path,)
         last: np.ndarray | None = None
         for start, (sequence, *flag) in episode.blocks(*paths):
             back = np.zeros(len(sequence), dtype=bool)
             back[1:] = sequence[1:] <= sequence[:-1]
             before = np.concatenate((sequence[:1] if last is None else last, sequence[:-1]))
             back[0] = last is not None and bool(sequence[0] <= last[0])
-            if flagged:
-                back &= (flag[0] & np.uint32(flags()["out_of_order"].mask)) == 0
+            if has_flags:
+                back &= ~flagged(flag[0], "out_of_order")
             if back.any():
                 row = int(back.argmax())
                 expected, found = int(before[row]), int(sequence[row])

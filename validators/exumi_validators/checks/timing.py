@@ -16,9 +16,6 @@ from exumi_validators.stretches import DeclaredGaps, Stretch, stretches
 
 __all__ = ["rhythm"]
 
-_BURSTS = 0.1
-"""Share of crowded intervals above which the other rules would only say the same again."""
-
 
 @check("TIME-005", "TIME-006", "TIME-007", "TIME-008", "GAP-002")
 def rhythm(episode: EpisodeContext) -> Iterator[Finding]:
@@ -92,7 +89,7 @@ class _Judge:
         told = stretch.flagged("time_nudged", "out_of_order")
         crowded &= ~(told[1:] | told[:-1])
         total = len(intervals.periods)
-        in_bursts = int(crowded.sum()) > _BURSTS * total
+        in_bursts = bool(crowded.sum() > self.limit("TIME-008", "bursts_share") * total)
         limit = self.limit("TIME-007", "share_of_period")
         jitter = intervals.jitter
         if jitter > limit and declared.any():

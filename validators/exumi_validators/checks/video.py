@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from exumi_data.errors import ExumiError
 from exumi_data.model.images import VideoFile, VideoImages
 from exumi_data.model.streams import RgbStream, StreamModel, TactileStream
-from exumi_data.time import apply_clock
+from exumi_data.time import NS_PER_S, apply_clock
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.frame_statistics import FrameStatistics
@@ -18,12 +18,8 @@ from exumi_validators.report import Problem
 from exumi_validators.touch_pass import begin_statistics
 from exumi_validators.video_file import VideoFileReader, looks_like
 
-if TYPE_CHECKING:
-    from exumi_data.store.video import FramePixels
-
 __all__ = ["containers", "file_index", "file_offsets", "keyframes", "pts_ascends", "time_of_pts"]
 
-_NS_PER_S = 1_000_000_000
 _ROUNDING_NS = 1
 
 
@@ -190,7 +186,7 @@ def _expected_time(
         if index >= len(files):
             return None
         chosen = file == index
-        scale = Fraction(files[index].time_base) * _NS_PER_S
+        scale = Fraction(files[index].time_base) * NS_PER_S
         # Python's integers: pts times the scale may leave 64 bits.
         values: Any = pts[chosen].astype(object)
         twice = 2 * scale.denominator
@@ -314,7 +310,7 @@ def _decoded_problems(
     listed: _Listed,
     statistics: FrameStatistics | None,
 ) -> Iterator[Problem]:
-    from exumi_data.store.video import FramePixels
+    from exumi_data.store.video import LIMITED_TO_FULL, FramePixels
 
     unlisted, pixels = 0, FramePixels()
     first_unlisted: int | None = None
@@ -330,8 +326,12 @@ def _decoded_problems(
         if (frame.height, frame.width) != (images.height, images.width):
             detail = f"it is {frame.width}x{frame.height}"
             yield problem("VID-008", path, index=index, detail=detail)
-        elif statistics is not None and statistics.wants(index):
-            _look_at(frame, index, pixels, statistics)
+        elif statistics is not None:
+            luma, is_full_range = pixels.stored_luma(frame)
+            # The luma as it is stored: colours cost as much as decoding.
+            statistics.add(index, luma, levels=None if is_full_range else LIMITED_TO_FULL)
+            if statistics.searches(index):
+                statistics.search(index, pixels.rgb(frame))
         if is_keyframe and not frame.key_frame:
             yield problem("VID-010", path, index=index)
         episode.frames += 1
@@ -342,13 +342,3 @@ def _decoded_problems(
         listed.step()
     if first_unlisted is not None:
         yield problem("VID-009", path, index=number, found=unlisted, expected=first_unlisted)
-
-
-def _look_at(frame: Any, index: int, pixels: "FramePixels", statistics: FrameStatistics) -> None:
-    """Hand on a frame: its luma as it is stored, for colours cost as much as decoding."""
-    from exumi_data.store.video import LIMITED_TO_FULL
-
-    luma, is_full_range = pixels.stored_luma(frame)
-    statistics.add(index, luma, levels=None if is_full_range else LIMITED_TO_FULL)
-    if statistics.searches(index):
-        statistics.search(index, pixels.rgb(frame))
