@@ -95,17 +95,16 @@ def _split_cases() -> Iterator[Case]:
     at = Finding("SPLIT-008", SPLIT, "/lists")
     yield split("SPLIT-008__rice", "An episode in no list.", at, lists=lists)
     eggs = _replaced(RICE, "egg")
-    changed = Finding("CAT-003", CATALOG, index=1)
     at = Finding("SPLIT-006", SPLIT, "/lists")
     about = "Eggs to train on, and eggs to test on."
     files = {SPLIT: split_by_part(), **eggs}
-    yield dataset("SPLIT-006__eggs", about, at, changed, replace=files, splits=["default"])
+    yield dataset("SPLIT-006__eggs", about, at, replace=files, splits=["default"])
     at = Finding("SPLIT-007", SPLIT, "/lists/val/0")
     about = "A part that nobody named."
     draft = episode(RICE, "rice")
     del draft.metadata["annotations"]["part_id"]
     files = {SPLIT: split_by_part(), f"{place(RICE)}/zarr.json": draft.files()["zarr.json"]}
-    yield dataset("SPLIT-007__no_part", about, at, changed, replace=files, splits=["default"])
+    yield dataset("SPLIT-007__no_part", about, at, replace=files, splits=["default"])
 
 
 def _replaced(episode_id: str, part: str) -> dict[str, bytes]:
