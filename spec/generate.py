@@ -130,8 +130,9 @@ def _arrays() -> str:
 
 
 def _derived() -> str:
-    rows = [list(_array_row("", spec))[1:] for spec in standard.derived_arrays().values()]
-    return table(("array", "data type", "shape", "axes", "unit", "meaning"), rows)
+    specs = standard.derived_arrays().values()
+    rows = [_array_row(", ".join(spec.kinds), spec) for spec in specs]
+    return table(("of", "array", "data type", "shape", "axes", "unit", "meaning"), rows)
 
 
 def _kinds() -> str:

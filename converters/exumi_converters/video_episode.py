@@ -26,7 +26,7 @@ from exumi_data.errors import SourceError
 from exumi_data.model import InputFile, LossyStep, QualityNote, VideoFile, VideoImages
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.stream_writer import VideoStreamWriter
-from exumi_data.store.video import FramePixels, VideoDecoder, VideoFrames, probe_video
+from exumi_data.store.video import FramePixels, VideoDecoder, VideoFrames, is_grey, probe_video
 
 __all__ = ["VideoHeader", "add_video", "read_header"]
 
@@ -160,7 +160,7 @@ class _Clip:
 
     def first_pass(self, decoder: VideoDecoder, *, grey: bool) -> Iterator[np.ndarray | None]:
         """Decode every frame once; yield its luma, (H, W) uint8, if that is wanted."""
-        self.channels = 1 if decoder.pixel_format == "gray" else 3
+        self.channels = 1 if is_grey(decoder.pixel_format) else 3
         size = decoder.width, decoder.height
         for frame in self._sound(decoder):
             index = len(self.pts)

@@ -18,6 +18,7 @@ from pydantic_core.core_schema import ValidationInfo
 __all__ = [
     "EXTENSION_KEY",
     "STREAM_NAME",
+    "VERSION",
     "WHOLE_NUMBER",
     "ArrayName",
     "Count",
@@ -48,7 +49,9 @@ EpisodeId = Annotated[
     str,
     StringConstraints(pattern=r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"),
 ]
-Version = Annotated[str, StringConstraints(pattern=r"^(0|[1-9][0-9]*)\.(0|[1-9][0-9]*)$")]
+VERSION = r"^(0|[1-9][0-9]{0,8})\.(0|[1-9][0-9]{0,8})$"
+"""Versions are ``major.minor``."""
+Version = Annotated[str, StringConstraints(pattern=VERSION)]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 # Nanoseconds do not survive a datetime (it holds microseconds), so times are patterned strings.
 Timestamp = Annotated[

@@ -5,13 +5,14 @@ All problems of a document are collected, each as ``message @ $.json.path``.
 
 import json
 import math
+import re
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
 from pydantic_core import PydanticSerializationError
 
 from exumi_data.errors import MetadataError, UnsupportedError
-from exumi_data.model.base import Model
+from exumi_data.model.base import VERSION, Model
 from exumi_data.model.dataset import DATASET_FORMAT, DatasetMetadata, SplitDocument
 from exumi_data.model.episode import (
     CONVENTION,
@@ -121,14 +122,9 @@ def check_version(document: dict[str, Any], expected_format: str, where: object)
             f"expected format {expected_format!r}, found {document.get('format')!r}", where=where
         )
     version = document.get("version")
-    parts = version.split(".") if isinstance(version, str) else []
-    if len(parts) != 2 or not all(
-        part.isascii() and part.isdigit() for part in parts
-    ):  # major.minor
+    if not isinstance(version, str) or not re.fullmatch(VERSION, version):
         raise MetadataError(f"version {version!r} is not major.minor", where=where)
-    if any(len(part) > 9 for part in parts):  # no version has ten digits
-        raise MetadataError(f"version {version!r} is not major.minor", where=where)
-    major, minor = (int(part) for part in parts)
+    major, minor = (int(part) for part in version.split("."))
     known_major, known_minor = (int(part) for part in FORMAT_VERSION.split("."))
     if major > known_major:
         raise UnsupportedError(
@@ -159,7 +155,8 @@ def check_requires(document: dict[str, Any], where: object) -> None:
             f"requires {', '.join(unknown)}, which this library does not know "
             f"(format version {document.get('version')})",
             where=where,
-            fix='Upgrade with: pip install -U "exumi-data", or install the extension it names.',
+            fix='Upgrade with: pip install -U "exumi-data". No other package adds one: of an entry '
+            "vendor:name, ask the vendor.",
         )
 
 

@@ -46,6 +46,8 @@ class ArraySpec:
     unit : str or None
         None where the metadata states it.
     required : bool
+    kinds : tuple of str
+        Of a derived array: the kinds of streams that it is computed from.
     text : str
     """
 
@@ -56,6 +58,7 @@ class ArraySpec:
     text: str
     unit: str | None = None
     required: bool = False
+    kinds: tuple[str, ...] = ()
 
     @property
     def per_sample(self) -> bool:

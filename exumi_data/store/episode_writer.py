@@ -38,7 +38,7 @@ from exumi_data.store.stream_writer import (
     StreamWriter,
     VideoStreamWriter,
 )
-from exumi_data.store.zarr_document import DTYPES
+from exumi_data.store.zarr_document import DTYPES, MAX_SHARD_BYTES
 
 if TYPE_CHECKING:
     from exumi_data.episode import Episode
@@ -262,12 +262,13 @@ class EpisodeWriter:
     def _make(self, name: str, model: Any) -> StreamWriter:
         folder = self._partial / "streams" / name
         images = getattr(model, "images", None)
-        if images is not None and images.height * images.width * images.channels > MAX_FRAME_BYTES:
-            raise UsageError(
-                f"frames of {images.height}x{images.width} are larger than "
-                f"{MAX_FRAME_BYTES:,} bytes",
-                where=f"{self.path}: {name}",
-            )
+        if images is not None:
+            most = MAX_SHARD_BYTES if images.encoding == "array" else MAX_FRAME_BYTES
+            if images.height * images.width * images.channels > most:
+                raise UsageError(
+                    f"frames of {images.height}x{images.width} are larger than {most:,} bytes",
+                    where=f"{self.path}: {name}",
+                )
         if isinstance(images, EncodedImages):
             return EncodedStreamWriter(folder, name, model)
         if isinstance(images, VideoImages):

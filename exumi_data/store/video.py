@@ -101,6 +101,17 @@ class FramePixels:
 _CONTAINERS_ONLY = {"format_whitelist": "mov,avi,matroska,webm"}
 
 
+def is_grey(pixel_format: str | None) -> bool:
+    """Whether a pixel format of FFmpeg's has no colours.
+
+    Parameters
+    ----------
+    pixel_format : str or None
+        Its name, such as ``gray`` or ``yuv420p``.
+    """
+    return pixel_format is not None and pixel_format.startswith(("gray", "ya8", "ya16", "mono"))
+
+
 def most_pixels(height: int, width: int) -> int:
     """Return the limit of pixels for a video whose metadata gives this size."""
     return min(MAX_PIXELS, max(_LEAST_PIXELS, (height + _MARGIN) * (width + _MARGIN)))

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 
 from exumi_data.errors import DamagedDataError, ExumiError, LimitError, UnsupportedError
 from exumi_data.extensions import StreamKind, find_stream_kind
-from exumi_data.model.base import Model
+from exumi_data.model.base import VERSION, Model
 from exumi_data.model.description import CalibrationItem
 from exumi_data.model.documents import KNOWN_FEATURES
 from exumi_data.model.episode import (
@@ -82,10 +82,9 @@ def newer_minor(version: object) -> bool | None:
     version : object
         ``major.minor``, as it stands in a document.
     """
-    parts = version.split(".") if isinstance(version, str) else []
-    if len(parts) != 2 or not all(p.isascii() and p.isdigit() and len(p) < 10 for p in parts):
+    if not isinstance(version, str) or not re.fullmatch(VERSION, version):
         return None
-    major, minor = (int(part) for part in parts)
+    major, minor = (int(part) for part in version.split("."))
     known_major, known_minor = (int(part) for part in FORMAT_VERSION.split("."))
     return minor > known_minor if major == known_major else None
 

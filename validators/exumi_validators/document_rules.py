@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from exumi_data.model.base import VERSION
 from exumi_data.model.documents import KNOWN_FEATURES
 from exumi_data.model.episode import FORMAT_VERSION
 from exumi_validators.context import newer_minor
@@ -14,7 +15,7 @@ from exumi_validators.findings import problem
 from exumi_validators.json_documents import LoadedDocument
 from exumi_validators.model_problems import problems_of_model
 from exumi_validators.report import Problem
-from exumi_validators.schema_walk import unknown_keys
+from exumi_validators.schema_walk import extension_keys, unknown_keys
 
 __all__ = [
     "DOCUMENT_RULES",
@@ -24,6 +25,7 @@ __all__ = [
     "is_spdx_expression",
     "licence_problems",
     "model_rule_problems",
+    "undescribed_objects",
 ]
 
 DOCUMENT_RULES = ("DOC-001", "DOC-002", "DOC-003", "DOC-004", "DOC-005", "ROOT-003")
@@ -40,6 +42,7 @@ _UNKNOWN_LICENCE = {
     "?", "n/a", "na", "none", "not specified", "not stated", "null", "other", "tbd", "todo",
     "unclear", "undefined", "unknown", "unlicensed", "unspecified",
 }  # fmt: skip
+_NO_LICENCE = "NONE"  # in capitals SPDX's word for: there is none
 _DAY = re.compile(r"(\d{4})-(\d{2})-(\d{2})T")
 
 
@@ -79,7 +82,7 @@ def document_problems(
     version = document.get("version")
     at = (*base, "version")
     major = FORMAT_VERSION.partition(".")[0]
-    if not isinstance(version, str) or not re.fullmatch(r"[0-9]{1,9}\.[0-9]{1,9}", version):
+    if not isinstance(version, str) or not re.fullmatch(VERSION, version):
         yield problem("DOC-004", path, pointer=at, expected=FORMAT_VERSION, found=version)
     elif newer_minor(version) is None:
         yield problem("DOC-005", path, pointer=at, expected=f"{major}.x", found=version)
@@ -116,6 +119,45 @@ def model_rule_problems(
         yield problem(code, path, pointer=(*base, *pointer), found=pointer[-1])
 
 
+def undescribed_objects(
+    name: str, document: dict[str, Any], path: str, base: Pointer
+) -> Iterator[Problem]:
+    """Judge that objects of third parties say where they are described.
+
+    Parameters
+    ----------
+    name : str
+        Of the document: see `exumi_data.model.schema.DOCUMENTS`.
+    document : dict
+    path : str
+        File of the document.
+    base : tuple
+        Where in the file the document is.
+
+    Yields
+    ------
+    Problem
+        Of the rule EXT-002.
+    """
+    if not _has_key_of_third_party(document):  # walking along the schema costs more
+        return
+    for pointer in extension_keys(name, document):
+        value: Any = document
+        for part in pointer:
+            value = value[part]
+        in_own_stream = name == "episode" and len(pointer) > 2 and pointer[0] == "streams"
+        if in_own_stream and ":" in str(document["streams"][pointer[1]].get("kind")):
+            continue
+        if isinstance(value, dict) and not isinstance(value.get("schema_url"), str):
+            yield problem("EXT-002", path, pointer=(*base, *pointer), found=pointer[-1])
+
+
+def _has_key_of_third_party(value: object) -> bool:
+    if isinstance(value, dict):
+        return any(":" in key or _has_key_of_third_party(item) for key, item in value.items())
+    return isinstance(value, list) and any(_has_key_of_third_party(item) for item in value)
+
+
 def licence_problems(licence: object, path: str, pointer: Pointer) -> Iterator[Problem]:
     """Judge how a licence is written.
 
@@ -133,7 +175,7 @@ def licence_problems(licence: object, path: str, pointer: Pointer) -> Iterator[P
     """
     if not isinstance(licence, str):
         return
-    if licence.strip().lower() in _UNKNOWN_LICENCE:
+    if licence != _NO_LICENCE and licence.strip().lower() in _UNKNOWN_LICENCE:
         yield problem("LIC-001", path, pointer=pointer, found=licence)
     elif not is_spdx_expression(licence):
         yield problem("LIC-002", path, pointer=pointer, found=licence)

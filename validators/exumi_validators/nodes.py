@@ -9,12 +9,26 @@ from exumi_data.store.zarr_document import DTYPES, MAX_SHARD_BYTES
 from exumi_validators.findings import problem
 from exumi_validators.report import Problem
 
-__all__ = ["MAX_CHUNKS", "MAX_CHUNKS_PER_SHARD", "ArrayNode", "array_problems", "parse_array_node"]
+__all__ = [
+    "MAX_CHUNKS",
+    "MAX_CHUNKS_PER_SHARD",
+    "ArrayNode",
+    "array_problems",
+    "node_mistake",
+    "parse_array_node",
+]
 
 MAX_CHUNKS = 1 << 26
 MAX_CHUNKS_PER_SHARD = 1 << 20
 _MAX_RANK = 16
 _MAX_SIZE = 1 << 62
+_ZSTD_LEVELS = range(-131072, 23)
+_NOT_FINITE = ("NaN", "Infinity", "-Infinity")
+_GROUP_MEMBERS = {"zarr_format", "node_type", "attributes", "consolidated_metadata"}
+_ARRAY_MEMBERS = {
+    "zarr_format", "node_type", "attributes", "shape", "data_type", "chunk_grid",
+    "chunk_key_encoding", "fill_value", "codecs", "dimension_names", "storage_transformers",
+}  # fmt: skip
 _ITEM_BYTES = {"bool": 1} | {name: int(name.lstrip("uintfloa")) // 8 for name in DTYPES - {"bool"}}
 
 
@@ -66,6 +80,56 @@ def _configuration(value: object, name: str) -> dict[str, Any] | None:
         return None
     configuration = value.get("configuration", {})
     return configuration if isinstance(configuration, dict) else None
+
+
+def _exactly(value: object, name: str, *keys: str) -> bool:
+    """Whether an extension point, or one of its lists' items, has no members but these.
+
+    Zarr libraries refuse what they do not know.
+    """
+    configuration = _configuration(value, name)
+    if configuration is None or not isinstance(value, dict):
+        return False
+    return set(value) <= {"name", "configuration"} and set(configuration) <= set(keys)
+
+
+def node_mistake(document: dict[str, Any], node_type: str) -> str | None:
+    """Return what keeps a ``zarr.json`` from being one of its type, None when nothing does.
+
+    Parameters
+    ----------
+    document : dict
+    node_type : str
+        ``group`` or ``array``.
+    """
+    if document.get("zarr_format") != 3:
+        return "`zarr_format` is not 3"
+    if document.get("node_type") != node_type:
+        return f"`node_type` is not {node_type}"
+    unknown = set(document) - (_ARRAY_MEMBERS if node_type == "array" else _GROUP_MEMBERS)
+    if unknown:
+        return f"Zarr v3 has no member `{min(unknown)}`"
+    if node_type == "array" and "fill_value" not in document:
+        return "there is no `fill_value`"
+    data_type = document.get("data_type")
+    if node_type == "array" and isinstance(data_type, str) and data_type in DTYPES:
+        return _fill_value_mistake(document["fill_value"], data_type)
+    return None
+
+
+def _fill_value_mistake(value: object, dtype: str) -> str | None:
+    is_integer = isinstance(value, int) and not isinstance(value, bool)
+    if dtype == "bool":
+        fits = isinstance(value, bool)
+    elif dtype.startswith("float"):
+        fits = is_integer or isinstance(value, float) or value in _NOT_FINITE
+    else:
+        unsigned = dtype.startswith("u")
+        bits = _ITEM_BYTES[dtype] * 8 - (not unsigned)
+        fits = (
+            isinstance(value, int) and is_integer and -(not unsigned) << bits <= value < 1 << bits
+        )
+    return None if fits else f"`fill_value` is no {dtype}"
 
 
 def parse_array_node(document: dict[str, Any], path: str) -> ArrayNode | None:
@@ -120,7 +184,7 @@ def array_problems(node: ArrayNode) -> Iterator[Problem]:
             "ZARR-002", node.file, pointer=("data_type",), found=document.get("data_type")
         )
     mistake = _codec_mistake(document.get("codecs"), node.dtype)
-    if document.get("storage_transformers"):
+    if document.get("storage_transformers", []) != []:
         mistake = "there are storage transformers"
     if mistake:
         yield problem("ZARR-003", node.file, pointer=("codecs",), detail=mistake)
@@ -128,31 +192,53 @@ def array_problems(node: ArrayNode) -> Iterator[Problem]:
     expected = {"name": "default", "configuration": {"separator": "/"}}
     keys = document.get("chunk_key_encoding")
     default = _configuration(keys, "default")
-    if default is None or default.get("separator", "/") != "/":
+    is_default = default is not None and default.get("separator", "/") == "/"
+    if not is_default or not _exactly(keys, "default", "separator"):
         pointer = ("chunk_key_encoding",)
         yield problem("ZARR-009", node.file, pointer=pointer, found=keys, expected=expected)
 
 
 def _codec_mistake(codecs: object, dtype: str | None) -> str | None:
     sharding = _sharding(codecs)
-    if sharding is None:
+    if sharding is None or not isinstance(codecs, list):
         return "the only codec is not sharding_indexed"
+    members = ("chunk_shape", "codecs", "index_codecs", "index_location")
+    if not _exactly(codecs[0], "sharding_indexed", *members):
+        return "sharding_indexed has members that it does not know"
     if sharding.get("index_location", "end") != "end":
         return "the shard index is not at the end"
-    index_codecs, inner = sharding.get("index_codecs"), sharding.get("codecs")
+    return _chain_mistake(sharding.get("codecs"), sharding.get("index_codecs"), dtype)
+
+
+def _chain_mistake(inner: object, index_codecs: object, dtype: str | None) -> str | None:
+    """Return what is wrong with the codecs of chunks and of the shard index."""
     if _names(index_codecs) != ["bytes", "crc32c"] or not isinstance(index_codecs, list):
         return "the codecs of the shard index are not bytes and crc32c"
     if _names(inner) not in (["bytes"], ["bytes", "zstd"]) or not isinstance(inner, list):
         return "the inner codecs are not bytes, or bytes and zstd"
+    known = (
+        _exactly(index_codecs[0], "bytes", "endian")
+        and _exactly(index_codecs[1], "crc32c")
+        and _exactly(inner[0], "bytes", "endian")
+        and all(_exactly(codec, "zstd", "level", "checksum") for codec in inner[1:])
+    )
+    if not known:
+        return "a codec has members that it does not know"
     one_byte = dtype is not None and _ITEM_BYTES[dtype] == 1
-    in_order = _is_little(inner[0], optional=one_byte) and _is_little(index_codecs[0])
-    checked = len(inner) == 1 or inner[1].get("configuration", {}).get("checksum") is True
-    if in_order and checked:
-        return None
-    return "zstd is without its checksum" if in_order else "a bytes codec is not little endian"
+    if not (_is_little(inner[0], optional=one_byte) and _is_little(index_codecs[0])):
+        return "a bytes codec is not little endian"
+    return _zstd_mistake(inner[1].get("configuration", {})) if len(inner) > 1 else None
+
+
+def _zstd_mistake(configuration: dict[str, Any]) -> str | None:
+    level = configuration.get("level")
+    if not isinstance(level, int) or isinstance(level, bool) or level not in _ZSTD_LEVELS:
+        return "zstd is without a level from -131072 to 22"
+    return None if configuration.get("checksum") is True else "zstd is without its checksum"
 
 
 def _names(codecs: object) -> list[object]:
+    """Names of codecs, each an object; None for what is none."""
     if not isinstance(codecs, list):
         return []
     return [
@@ -164,8 +250,8 @@ def _names(codecs: object) -> list[object]:
 
 
 def _is_little(codec: dict[str, Any], *, optional: bool = False) -> bool:
-    endian = codec.get("configuration", {}).get("endian")
-    return endian == "little" or (optional and endian is None)
+    configuration = codec.get("configuration", {})
+    return configuration.get("endian") == "little" or (optional and "endian" not in configuration)
 
 
 def _inner_mistake(node: ArrayNode, shard: tuple[int, ...]) -> str | None:
@@ -187,6 +273,8 @@ def _grid_problems(node: ArrayNode) -> Iterator[Problem]:
     mistake = None
     if shard is None:
         mistake = "the chunk grid is not regular"
+    elif not _exactly(node.document.get("chunk_grid"), "regular", "chunk_shape"):
+        mistake = "the chunk grid has members that it does not know"
     elif len(shard) != len(shape) or 0 in shard:
         mistake = f"shards of shape {list(shard)} do not divide an array of shape {list(shape)}"
     elif shard[1:] != shape[1:]:

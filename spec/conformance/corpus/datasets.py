@@ -94,9 +94,12 @@ def dataset(
     }
     if unnamed:
         del head["name"]
+    # A case whose episodes are others has a catalog of its own: see make_sources.py.
+    own = bases.SOURCES / f"catalog_{name}.parquet"
+    catalog = own if own.exists() else bases.SOURCES / "catalog.parquet"
     files = {
         "dataset.json": dumps(head),
-        "catalog.parquet": (bases.SOURCES / "catalog.parquet").read_bytes(),
+        "catalog.parquet": catalog.read_bytes(),
         **episodes(),
         **(add or {}),
         **(replace or {}),

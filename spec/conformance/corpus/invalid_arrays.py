@@ -119,6 +119,13 @@ def _time_cases() -> Iterator[Case]:
     draft.metadata["streams"]["pose"]["gaps"] = [{"after": 9, "lost": 1}]
     at = Finding("GAP-001", ROOT, f"{EXUMI}/streams/pose/gaps/0/after", 0)
     yield case("GAP-001__beyond_the_end", "A gap after the end.", draft, at)
+    draft = Draft()
+    draft.stream("width", "width", gaps=[{"after": -1}, {"after": 0}])
+    draft.put("streams/width/time", bases.times(0))
+    draft.put("streams/width/data", np.zeros(0, dtype=np.float32))
+    at = Finding("GAP-001", ROOT, f"{EXUMI}/streams/width/gaps/1/after", 1)
+    empty = Finding("STRM-004", "streams/width/time")
+    yield case("GAP-001__of_nothing", "A gap after the first of no samples.", draft, at, empty)
 
 
 def _value_cases() -> Iterator[Case]:
@@ -208,10 +215,25 @@ def _frame_cases() -> Iterator[Case]:
     yield case("VID-005__moved", "A time that the file does not know.", draft, at)
 
 
+def _finite_cases() -> Iterator[Case]:
+    data = "streams/width/data"
+    draft = bases.widths()
+    draft.put(data, np.array([0.0, 0.01, np.inf, 0.04], dtype=np.float32))
+    draft.put("streams/width/flags", np.array([0, 0, 8, 0], dtype=np.uint32))
+    at = Finding("VAL-001", data, index=2)
+    yield case("VAL-001__infinite", "An infinite width, though not a valid one.", draft, at)
+    draft = bases.widths()
+    del draft.metadata["streams"]["width"]["raw"]["modulus"]
+    draft.put("streams/width/raw", np.array([0.0, 1.0, 2.0, np.nan]))
+    at = Finding("VAL-001", "streams/width/raw", index=3)
+    yield case("VAL-001__raw", "NaN in place of what the device said.", draft, at)
+
+
 def array_cases() -> Iterator[Case]:
     """Yield the cases of the level of arrays."""
     yield from _shard_cases()
     yield from _chunk_cases()
     yield from _time_cases()
     yield from _value_cases()
+    yield from _finite_cases()
     yield from _frame_cases()

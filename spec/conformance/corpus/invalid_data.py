@@ -44,7 +44,7 @@ def _file_cases() -> Iterator[Case]:
     yield case("IMG-008__no_comment", "A comment that no frame carries.", draft, *found)
     draft = _frames([files[0], *[files[1]] * 4, files[2]], step_ns=500_000_000)
     at = Finding("IMG-009", DATA, index=1)
-    yield case("IMG-009__two_seconds", "The same frame for 1.5 s.", draft, at)
+    yield case("IMG-009__one_and_a_half_seconds", "The same frame for 1.5 s.", draft, at)
 
 
 def _video_cases() -> Iterator[Case]:
@@ -59,6 +59,12 @@ def _video_cases() -> Iterator[Case]:
     draft = bases.video()
     draft.metadata["streams"]["rgb"]["images"]["files"][0]["media_type"] = "video/x-msvideo"
     yield case("VID-007__container", "Another container than stated.", draft, at)
+    draft = bases.video()
+    draft.metadata["streams"]["rgb"]["images"]["channels"] = 1
+    yield case("VID-007__grey", "A colour file that is stated as grey.", draft, at)
+    draft = bases.video()
+    draft.metadata["streams"]["rgb"]["images"]["files"][0]["pixel_format"] = "gray"
+    yield case("VID-007__pixel_format", "Another pixel format than stated.", draft, at)
     clip = (bases.SOURCES / "clip.mp4").read_bytes()
     place = clip.index(b"stsz") + 8
     claim = (1).to_bytes(4, "big") + (10_000_000).to_bytes(4, "big")

@@ -49,6 +49,9 @@ def _head_cases() -> Iterator[Case]:
     yield dataset("META-001__dataset_name", "A dataset without a name.", at, unnamed=True)
     at = Finding("LIC-001", HEAD, "/licence")
     yield dataset("LIC-001__dataset", "A dataset of unknown licence.", at, licence="n/a")
+    at = Finding("EXT-002", HEAD, "/acme:grant")
+    about = "A vendor's object that is described nowhere."
+    yield dataset("EXT-002__of_dataset", about, at, **{"acme:grant": {"number": 42}})
     at = Finding("DOC-005", HEAD, "/version")
     yield dataset("DOC-005__newer_dataset", "A dataset of version 2.3.", at, version="2.3")
     at = Finding("ROOT-003", HEAD, "/requires/0")
@@ -72,6 +75,9 @@ def _split_cases() -> Iterator[Case]:
     good = {SPLIT: split_by_part()}
     at = Finding("SPLIT-002", SPLIT)
     yield dataset("SPLIT-002__not_listed", "A split that is not listed.", at, add=good)
+    odd = {SPLIT: split_by_part(**{"acme:draw": {"dice": 3}})}
+    at = Finding("EXT-002", SPLIT, "/acme:draw")
+    yield dataset("EXT-002__of_split", about, at, add=odd, splits=["default"])
 
     def split(name: str, about: str, finding: Finding, /, **changes: object) -> Case:
         files = {SPLIT: split_by_part(**changes)}
@@ -89,17 +95,16 @@ def _split_cases() -> Iterator[Case]:
     at = Finding("SPLIT-008", SPLIT, "/lists")
     yield split("SPLIT-008__rice", "An episode in no list.", at, lists=lists)
     eggs = _replaced(RICE, "egg")
-    changed = Finding("CAT-003", CATALOG, index=1)
     at = Finding("SPLIT-006", SPLIT, "/lists")
     about = "Eggs to train on, and eggs to test on."
     files = {SPLIT: split_by_part(), **eggs}
-    yield dataset("SPLIT-006__eggs", about, at, changed, replace=files, splits=["default"])
+    yield dataset("SPLIT-006__eggs", about, at, replace=files, splits=["default"])
     at = Finding("SPLIT-007", SPLIT, "/lists/val/0")
     about = "A part that nobody named."
     draft = episode(RICE, "rice")
     del draft.metadata["annotations"]["part_id"]
     files = {SPLIT: split_by_part(), f"{place(RICE)}/zarr.json": draft.files()["zarr.json"]}
-    yield dataset("SPLIT-007__no_part", about, at, changed, replace=files, splits=["default"])
+    yield dataset("SPLIT-007__no_part", about, at, replace=files, splits=["default"])
 
 
 def _replaced(episode_id: str, part: str) -> dict[str, bytes]:

@@ -57,6 +57,8 @@ def _document_cases() -> Iterator[Case]:
     yield case("DOC-004__three_numbers", "A version of three numbers.", three, at)
     at = Finding("DOC-005", ROOT, _at("version"))
     yield case("DOC-005__newer_major", "Version 2.0.", bases.poses(version="2.0"), at)
+    at = Finding("DOC-004", ROOT, _at("version"))
+    yield case("DOC-004__leading_zero", "Version 01.0.", bases.poses(version="01.0"), at)
     newer = bases.derived()
     newer.nodes["derived"]["attributes"]["exumi"]["version"] = "2.0"
     at = Finding("DOC-005", DERIVED, _at("version"))
@@ -111,6 +113,10 @@ def _field_cases() -> Iterator[Case]:
         Finding("META-003", ROOT, _at("streams", "pose", "clock", "offset")),
     )
     yield case("META-003__beside_another", "An unknown key, and another mistake.", draft, *two)
+    draft = bases.derived()
+    draft.nodes["derived"]["attributes"]["exumi"]["acme:farm"] = {"node": 3}
+    at = Finding("EXT-002", DERIVED, _at("acme:farm"))
+    yield case("EXT-002__of_derived", "A vendor's object beside derived arrays.", draft, at)
     draft = bases.poses(version="1.9", weather="rain")
     at = Finding("META-004", ROOT, _at("weather"))
     yield case("META-004__newer_key", "A key of a newer minor version.", draft, at)
@@ -149,6 +155,9 @@ def _description_cases() -> Iterator[Case]:
     item = {"rectification": {"value": None, "array": "calibration/map", "residual": 0.2}}
     at = Finding("CAL-001", ROOT, _at("calibration", "rectification", "array"))
     yield case("CAL-001__no_array", "A map that is not there.", bases.poses(calibration=item), at)
+    item = {"rectification": {"value": None, "array": "calibration/Map-1", "residual": 0.2}}
+    named = bases.poses(calibration=item)
+    yield case("CAL-001__name", "A map whose name has a capital and a hyphen.", named, at)
     label = {"property": "hardness", "value": 7.0, "raters": 3, "provenance": "human"}
     draft = bases.poses(annotations={"part_id": "egg", "labels": [label]})
     at = Finding("ANN-001", ROOT, _at("annotations", "labels", "0"))
@@ -177,11 +186,30 @@ def _derived_cases() -> Iterator[Case]:
     draft.put("derived/ghost/salient", np.array([1, 2], dtype=np.int64), names=("index",))
     at = Finding("DRV-003", DERIVED, _at("items", "ghost~1salient"))
     yield case("DRV-003__ghost", "Salient frames of no stream.", draft, at)
+    yield from _derived_name_cases()
     draft = bases.derived()
     items = draft.nodes["derived"]["attributes"]["exumi"]["items"]
     del items["tactile/activity"]["parameters"]["threshold"]
     at = Finding("DRV-006", DERIVED, _at("items", "tactile~1activity", "parameters"))
     yield case("DRV-006__no_threshold", "Activity above what?", draft, at)
+
+
+def _derived_name_cases() -> Iterator[Case]:
+    for name, key, about in (
+        ("typo", "activty", "A misspelt name."),
+        ("one_line", "acme_slip", "A vendor's name with one line for two."),
+    ):
+        draft = bases.derived()
+        draft.derive(f"tactile/{key}", np.zeros(4), names=("time",), algorithm="x/1")
+        at = Finding("DRV-007", DERIVED, _at("items", f"tactile~1{key}"))
+        yield case(f"DRV-007__{name}", about, draft, at)
+    draft = bases.poses()
+    parameters = {"threshold": 5, "size": 224, "active_above": 0.001}
+    values = np.zeros(4, dtype=np.float32)
+    given = {"algorithm": "exumi-activity/1", "parameters": parameters}
+    draft.derive("pose/activity", values, names=("time",), **given)
+    at = Finding("DRV-007", DERIVED, _at("items", "pose~1activity"))
+    yield case("DRV-007__of_a_pose", "The activity of a pose.", draft, at)
 
 
 def document_cases() -> Iterator[Case]:

@@ -104,6 +104,52 @@ def _document_cases() -> Iterator[Case]:
     yield case("ZARR-009__dots", "Chunk keys with dots.", draft, at)
 
 
+def _member_cases() -> Iterator[Case]:
+    """Yield documents that Zarr libraries refuse."""
+    at = Finding("ZARR-001", FILE)
+    for name, value in (("text", "abc"), ("null", None)):
+        draft = bases.poses()
+        draft.nodes[DATA]["fill_value"] = value
+        yield case(f"ZARR-001__fill_value_{name}", "No number to fill with.", draft, at)
+    draft = bases.poses()
+    draft.nodes["streams/pose/time"]["fill_value"] = 0.5
+    found = Finding("ZARR-001", "streams/pose/time/zarr.json")
+    yield case("ZARR-001__fill_value_half", "Half a nanosecond to fill with.", draft, found)
+    for name, node in (("array", DATA), ("group", "streams/pose")):
+        draft = bases.poses()
+        draft.nodes[node]["made_by"] = {"tool": "corpus"}
+        found = Finding("ZARR-001", f"{node}/zarr.json")
+        yield case(f"ZARR-001__member_of_{name}", "A member that Zarr lacks.", draft, found)
+    draft = bases.poses()
+    draft.root["made_by"] = {"tool": "corpus"}
+    found = Finding("ZARR-001", "zarr.json")
+    yield case("ZARR-001__member_of_root", "A member that Zarr lacks.", draft, found)
+    draft = bases.poses()
+    draft.nodes[DATA]["dimension_names"] = ["time", 5]
+    found = Finding("ZARR-005", FILE, "/dimension_names")
+    yield case("ZARR-005__number", "A number for a name.", draft, found)
+    draft = bases.poses()
+    draft.nodes[DATA]["chunk_grid"]["configuration"]["order"] = "C"
+    found = Finding("ZARR-008", FILE, "/chunk_grid")
+    yield case("ZARR-008__member", "A grid with a member that Zarr lacks.", draft, found)
+    at = Finding("ZARR-003", FILE, "/codecs")
+    draft = bases.poses()
+    _sharding(draft, DATA)["order"] = "C"
+    yield case("ZARR-003__member_of_sharding", "Sharding with a member of its own.", draft, at)
+    for name, configuration in (
+        ("member_of_zstd", {"level": 3, "checksum": True, "window": 20}),
+        ("level_hi", {"level": "hi", "checksum": True}),
+        ("level_99", {"level": 99, "checksum": True}),
+        ("no_level", {"checksum": True}),
+    ):
+        draft = bases.poses()
+        _sharding(draft, DATA)["codecs"][1]["configuration"] = configuration
+        yield case(f"ZARR-003__{name}", "zstd, configured otherwise.", draft, at)
+    draft = bases.poses()
+    _sharding(draft, DATA)["index_codecs"][1] = "crc32c"
+    yield case("ZARR-003__name_alone", "A codec that is only a name.", draft, at)
+
+
 def _grid_cases() -> Iterator[Case]:
     draft = bases.poses()
     rows = 1 << 21  # of 56 bytes
@@ -157,5 +203,6 @@ def hierarchy_cases() -> Iterator[Case]:
     yield from _file_cases()
     yield from _array_cases()
     yield from _document_cases()
+    yield from _member_cases()
     yield from _grid_cases()
     yield from _derived_cases()

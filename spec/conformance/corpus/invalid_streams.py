@@ -95,6 +95,14 @@ def _image_cases() -> Iterator[Case]:
     at = Finding("IMG-001", ROOT, _at("rgb", "images"))
     empty = Finding("STRM-004", "streams/rgb/time")
     yield case("IMG-001__ten_gigabytes", "A frame of 10 GB.", draft, at, empty)
+    draft = Draft()
+    draft.stream("rgb", "rgb", images=bases.images_of("array", height=8193, width=8192, channels=1))
+    draft.put("streams/rgb/time", bases.times(0))
+    names = ("time", "y", "x", "c")
+    draft.put("streams/rgb/data", np.zeros((0, 8193, 8192, 1), np.uint8), names=names)
+    shard = Finding("ZARR-004", "streams/rgb/data/zarr.json", "/codecs/0/configuration/chunk_shape")
+    about = "Pixels of a frame that no shard can hold."
+    yield case("IMG-001__beyond_a_shard", about, draft, at, empty, shard)
     draft = bases.tactile()
     del _stream(draft, "tactile")["reference"]
     at = Finding("TACT-001", ROOT, _at("tactile", "reference"))

@@ -50,23 +50,21 @@ def _changed(episode_id: str, part: str, **annotations: Any) -> dict[str, bytes]
 
 
 def _dataset_cases() -> Iterator[Case]:
-    changed = Finding("CAT-003", "catalog.parquet", index=1)
     at = Finding("SET-007", place(RICE))
     files = _changed(RICE, "rice", part_id="egg")
     about = "A part of an egg and of rice."
-    yield dataset("SET-007__egg_of_rice", about, at, changed, replace=files)
-    first = Finding("CAT-003", "catalog.parquet", index=0)
+    yield dataset("SET-007__egg_of_rice", about, at, replace=files)
     at = Finding("SET-008", place(RICE))
     files = _changed(EGG, "egg", labels=[_label()])
     files |= _changed(RICE, "egg", labels=[_label(3.0)])
     about = "An egg of hardness 7, and 3."
-    yield dataset("SET-008__seven_and_three", about, at, first, changed, replace=files)
+    yield dataset("SET-008__seven_and_three", about, at, replace=files)
     at = Finding("SPLIT-009", SPLIT, "/lists")
     files = _changed(EGG, "egg", labels=[_label()]) | _changed(RICE, "egg", labels=[_label()])
     files[SPLIT] = split_by_part(level="episode")
     about = "An egg in train and in val."
     name = "SPLIT-009__egg"
-    yield dataset(name, about, at, first, changed, replace=files, splits=["default"])
+    yield dataset(name, about, at, replace=files, splits=["default"])
 
 
 def labels_cases() -> Iterator[Case]:

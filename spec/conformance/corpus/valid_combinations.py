@@ -199,6 +199,60 @@ def several_shards() -> Draft:
     return draft
 
 
+def commented() -> Draft:
+    """Return JPEG files that all carry the comment of their encoder, of no licence."""
+    draft = bases.encoded(licence="NONE")
+    comment = b"Lavc62.0.100"
+    segment = b"\xff\xfe" + (len(comment) + 2).to_bytes(2, "big") + comment
+    bases.put_encoded(draft, "rgb", [file[:2] + segment + file[2:] for file in bases.jpegs()])
+    draft.metadata["streams"]["rgb"]["images"]["jpeg_comment"] = comment.decode()
+    return draft
+
+
+def known_fingers() -> Draft:
+    """Return two fingers whose rig knows how each of them looks without contact."""
+    draft = Draft(calibration={})
+    gels = np.random.default_rng(3).integers(60, 190, (2, 32, 32, 3), dtype=np.uint8)
+    draft.group("calibration")
+    draft.group("calibration/tactile_reference")
+    for side, gel in zip(("left", "right"), gels, strict=True):
+        name, path = f"tactile_{side}", f"calibration/tactile_reference/tactile_{side}"
+        images = bases.images_of("array", height=32, width=32)
+        draft.stream(name, "tactile", images=images, reference={"method": "captured"})
+        frames = np.repeat(gel[None], 16, axis=0)
+        frames[:, :2, :2] += np.arange(16, dtype=np.uint8)[:, None, None, None]
+        draft.put(f"streams/{name}/time", bases.times(16))
+        axes = ("y", "x", "c")
+        draft.put(f"streams/{name}/data", frames, names=("time", *axes), chunk_rows=1)
+        draft.put(f"streams/{name}/reference", gel, names=axes)
+        draft.put(path, gel, names=axes)
+        item = {"value": None, "array": path, "method": "captured without contact"}
+        draft.metadata["calibration"][f"tactile_reference/{name}"] = item
+    return draft
+
+
+def stamped() -> Draft:
+    """Return poses stamped at the points that no other case has, of an angular gripper."""
+    draft = Draft(embodiment={"name": "claw", "gripper": "angular"})
+    for point in ("device", "unknown", "buffer_soe", "bracket_mid"):
+        name = f"pose_{point}"
+        draft.stream(name, "pose", frames={"parent": "world", "child": "gripper"})
+        draft.metadata["streams"][name]["clock"]["stamp_point"] = point
+        draft.put(f"streams/{name}/time", bases.times(4))
+        draft.put(f"streams/{name}/data", np.array(bases.POSES), names=("time", "component"))
+    return draft
+
+
+def grey_reference() -> Draft:
+    """Return colour frames with a grey reference, and a vendor's derived array."""
+    draft = bases.tactile()
+    reference = np.full((16, 16, 1), 120, dtype=np.uint8)
+    draft.put("streams/tactile/reference", reference, names=("y", "x", "c"))
+    slip = np.array([0, 0, 1, 0], dtype=np.uint8)
+    draft.derive("tactile/other_lab__slip", slip, names=("time",), algorithm="slip/2")
+    return draft
+
+
 def _dataset_cases() -> Iterator[Case]:
     empty = (bases.SOURCES / "catalog_empty.parquet").read_bytes()
     yield dataset(
@@ -240,4 +294,8 @@ def combined_cases() -> Iterator[Case]:
     yield packed(
         "packed__empty", "A packed episode without streams.", as_zip(bases.empty().files())
     )
+    yield case("images__comment", "JPEG files with a comment, of no licence.", commented())
+    yield case("calibration__fingers", "Two fingers and how they look.", known_fingers())
+    yield case("clock__stamp_points", "Stamp points, and an angular gripper.", stamped())
+    yield case("tactile__grey_reference", "A grey reference, a vendor's array.", grey_reference())
     yield from _dataset_cases()

@@ -325,7 +325,7 @@ def test_a_key_that_is_mistyped_in_python_is_an_error() -> None:
         ("1." + "9" * 5000, MetadataError, "is not major.minor"),
         (1.0, MetadataError, "is not major.minor"),
         (None, MetadataError, "is not major.minor"),
-        ("01.0", MetadataError, r"\$\.version"),
+        ("01.0", MetadataError, "is not major.minor"),
     ],
     ids=lambda value: str(value)[:20],
 )

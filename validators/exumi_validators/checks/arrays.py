@@ -76,23 +76,29 @@ def _valid_blocks(
 def finite_values(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that what was measured is a number."""
     for name, stream in episode.streams.items():
-        node = episode.array_nodes.get(f"streams/{name}/data")
-        if node is None or node.dtype not in ("float32", "float64"):
+        if not isinstance(stream, PoseStream | WidthStream | WrenchStream | TaxelsStream):
             continue
-        if isinstance(stream, PoseStream | WidthStream | WrenchStream | TaxelsStream):
-            yield from _not_finite(episode, name)
+        for array in ("data", "raw"):
+            node = episode.array_nodes.get(f"streams/{name}/{array}")
+            if node is not None and node.dtype in ("float32", "float64"):
+                yield from _not_finite(episode, name, array)
 
 
-def _not_finite(episode: EpisodeContext, name: str) -> Iterator[Problem]:
-    for start, rows, usable in _valid_blocks(episode, name, "data"):
-        finite = np.isfinite(rows.reshape(len(rows), -1)).all(axis=1)
-        wrong = usable & ~finite
+def _not_finite(episode: EpisodeContext, name: str, array: str) -> Iterator[Problem]:
+    for start, rows, usable in _valid_blocks(episode, name, array):
+        flat = rows.reshape(len(rows), -1)
+        wrong = ~np.isfinite(flat).all(axis=1)
+        if wrong.any():
+            # An invalid sample may be NaN, but infinity is no way to say that there is nothing.
+            wrong &= usable | np.isinf(flat).any(axis=1)
         if wrong.any():
             row = int(wrong.argmax())
-            values = rows[row].reshape(-1)
+            values = flat[row]
+            if not usable[row]:
+                values = values[~np.isnan(values)]
             yield problem(
                 "VAL-001",
-                f"streams/{name}/data",
+                f"streams/{name}/{array}",
                 index=start + row,
                 found=float(values[~np.isfinite(values)][0]),
                 detail="the value",

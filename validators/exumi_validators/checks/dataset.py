@@ -19,6 +19,7 @@ from exumi_validators.document_rules import (
     document_problems,
     licence_problems,
     model_rule_problems,
+    undescribed_objects,
 )
 from exumi_validators.episode_run import ReferenceFacts
 from exumi_validators.findings import problem
@@ -90,6 +91,17 @@ def fields(dataset: DatasetContext) -> Iterator[Problem]:
             continue
         if newer_minor(value.get("version")) is not None:
             yield from model_rule_problems(name, model, value, loaded.path, ())
+
+
+@check("EXT-002")
+def third_parties(dataset: DatasetContext) -> Iterator[Problem]:
+    """Judge that objects of third parties say where they are described."""
+    yield from undescribed_objects("dataset", dataset.document or {}, DATASET_DOCUMENT, ())
+    for loaded in dataset.split_files.values():
+        yield from undescribed_objects("split", loaded.value or {}, loaded.path, ())
+    manifest = dataset.manifest_file
+    if manifest is not None:
+        yield from undescribed_objects("manifest", manifest.value or {}, manifest.path, ())
 
 
 @check("LIC-001", "LIC-002")

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator
-from typing import Any
 
 from exumi_data.model.description import CalibrationItem, Label, LossyStep, QualityNote, Segment
 from exumi_data.model.episode import DerivedMetadata, EpisodeMetadata
@@ -20,12 +19,12 @@ from exumi_validators.document_rules import (
     is_real_date,
     licence_problems,
     model_rule_problems,
+    undescribed_objects,
 )
 from exumi_validators.findings import problem
 from exumi_validators.model_problems import problems_of_model
 from exumi_validators.registry import Finding, check
 from exumi_validators.report import Problem, Skipped
-from exumi_validators.schema_walk import extension_keys
 
 __all__ = [
     "fields",
@@ -84,24 +83,9 @@ def _fields_of_extension(
 @check("EXT-002")
 def third_parties(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that objects of third parties say where they are described."""
-    document = episode.document or {}
-    if not _has_key_of_third_party(document):  # walking along the schema costs more
-        return
-    for pointer in extension_keys("episode", document):
-        value: Any = document
-        for part in pointer:
-            value = value[part]
-        in_own_stream = len(pointer) > 2 and pointer[0] == "streams"
-        if in_own_stream and ":" in str(document["streams"][pointer[1]].get("kind")):
-            continue
-        if isinstance(value, dict) and not isinstance(value.get("schema_url"), str):
-            yield problem("EXT-002", ROOT, pointer=(*EXUMI, *pointer), found=pointer[-1])
-
-
-def _has_key_of_third_party(value: object) -> bool:
-    if isinstance(value, dict):
-        return any(":" in key or _has_key_of_third_party(item) for key, item in value.items())
-    return isinstance(value, list) and any(_has_key_of_third_party(item) for item in value)
+    yield from undescribed_objects("episode", episode.document or {}, ROOT, EXUMI)
+    derived = episode.derived_document or {}
+    yield from undescribed_objects("derived", derived, "derived/zarr.json", EXUMI)
 
 
 @check("META-005")

@@ -15,6 +15,7 @@ from exumi_data.model.streams import (
 )
 from exumi_data.standard import units
 from exumi_data.store.images import MAX_FRAME_BYTES
+from exumi_data.store.zarr_document import MAX_SHARD_BYTES
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.registry import check
@@ -162,11 +163,10 @@ def frame_size(episode: EpisodeContext) -> Iterator[Problem]:
         if isinstance(stream, RgbStream | TactileStream):
             images = stream.images
             size = math.prod((images.height, images.width, images.channels))
-            if size > MAX_FRAME_BYTES:
+            most = MAX_SHARD_BYTES if images.encoding == "array" else MAX_FRAME_BYTES
+            if size > most:
                 pointer = _at(name, "images")
-                yield problem(
-                    "IMG-001", ROOT, pointer=pointer, expected=MAX_FRAME_BYTES, found=size
-                )
+                yield problem("IMG-001", ROOT, pointer=pointer, expected=most, found=size)
 
 
 @check("TACT-001")

@@ -248,7 +248,7 @@ def gaps(episode: EpisodeContext) -> Iterator[Problem]:
         last = -2
         for index, gap in enumerate(stream.gaps or []):
             mistake = None
-            if count is not None and gap.after >= max(count, 1):
+            if count is not None and gap.after >= count:
                 mistake = f"but there are {count}"
             elif gap.after <= last:
                 mistake = f"which does not come after sample {last}"

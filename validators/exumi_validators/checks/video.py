@@ -289,6 +289,8 @@ def _container_problems(
 
 
 def _declaration_mistake(decoder: Any, file: VideoFile, images: VideoImages) -> str | None:
+    from exumi_data.store.video import is_grey  # PyAV is slow to import
+
     if decoder.codec != file.codec:
         return f"its codec is {decoder.codec}, the metadata says {file.codec}"
     if decoder.time_base != Fraction(file.time_base):
@@ -298,6 +300,11 @@ def _declaration_mistake(decoder: Any, file: VideoFile, images: VideoImages) -> 
             f"it is {decoder.width}x{decoder.height}, "
             f"the metadata says {images.width}x{images.height}"
         )
+    if file.pixel_format is not None and decoder.pixel_format != file.pixel_format:
+        return f"its pixels are {decoder.pixel_format}, the metadata says {file.pixel_format}"
+    channels = 1 if is_grey(decoder.pixel_format) else 3
+    if channels != images.channels:
+        return f"it has {channels} channels, the metadata says {images.channels}"
     return None
 
 

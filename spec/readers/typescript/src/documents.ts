@@ -47,7 +47,7 @@ export function checkVersion(document: Json, format: string, where: string): str
   const { format: found, version, requires } = document;
   demand(found === format, `${where}: expected format ${format}, found ${String(found)}`);
   demand(
-    typeof version === "string" && /^\d{1,9}\.\d{1,9}$/.test(version),
+    typeof version === "string" && /^(0|[1-9]\d{0,8})\.(0|[1-9]\d{0,8})$/.test(version),
     `${where}: version ${String(version)} is not major.minor`,
   );
   demand(
