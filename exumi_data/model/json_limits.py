@@ -11,8 +11,8 @@ __all__ = [
     "size_mistake",
 ]
 
-MAX_DOCUMENT_BYTES = 64 << 20
-"""Size of the largest document that is read."""
+MAX_DOCUMENT_BYTES = 32 << 20
+"""Size of the largest document that is read: parsed, it can take twenty times as much."""
 
 MAX_DOCUMENT_PARTS = 100_000
 """Most commas and opening brackets of a document.
@@ -37,7 +37,7 @@ def size_mistake(raw: bytes, *, most_parts: int = MAX_DOCUMENT_PARTS) -> str | N
         `MAX_DOCUMENT_PARTS` or `MAX_LIST_PARTS`.
     """
     if len(raw) > MAX_DOCUMENT_BYTES:
-        return "the document is larger than 64 MiB"
+        return "the document is larger than 32 MiB"
     # None of these bytes is part of another character in UTF-8.
     if len(raw) > most_parts:
         parts = raw.count(b",") + raw.count(b"[") + raw.count(b"{")

@@ -7,6 +7,8 @@ headers of its pages are what the reader goes by.
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -24,6 +26,7 @@ _ENCODINGS = frozenset((0, 2, 3, 4, 5, 6, 8, 9))  # without 7, whose strings gro
 _TYPES = frozenset(("BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE", "BYTE_ARRAY"))
 _DICTIONARY_ENCODINGS = (2, 8)
 _DICTIONARY_PAGE = 2
+_HARMLESS_BYTES = 1 << 20
 _VALUE_BYTES = 16  # of the value, its levels and its place in a list
 
 
@@ -80,26 +83,56 @@ def _needs(file: IO[bytes], column: Any) -> Iterator[int]:
     if first > 0 and (first < at or not at):  # a column without values has no data page
         at = first
     end = at + column.total_compressed_size
-    longest = 0
+    strings = column.physical_type == "BYTE_ARRAY"
+    dictionary = _Dictionary(0, 0, 0, "")
     while at < end:
-        file.seek(at)
-        raw = file.read(_MAX_HEADER_BYTES)
-        header, length = _Thrift(raw).whole()
+        header, length = _header(file, at)
         unpacked, packed = _size(header.get(2)), _size(header.get(3))
         page = header.get(5) or header.get(8) or header.get(7) or {}
         values = _size(page.get(1))
         encoding = page.get(4 if 8 in header else 2)
-        if header.get(1) == _DICTIONARY_PAGE and column.physical_type == "BYTE_ARRAY":
-            yield unpacked
-            file.seek(at + length)
-            data = _unpacked(file.read(packed), unpacked, column.compression)
-            longest = max(longest, _longest(data))
-        elif encoding not in _ENCODINGS and header.get(1) != _DICTIONARY_PAGE:
+        need = unpacked + values * _VALUE_BYTES
+        if header.get(1) == _DICTIONARY_PAGE:
+            dictionary = _Dictionary(at + length, packed, unpacked, column.compression)
+        elif encoding not in _ENCODINGS:
             msg = f"encoding {encoding}"
             raise ValueError(msg)
-        each = longest if encoding in _DICTIONARY_ENCODINGS else 0
-        yield unpacked + values * (_VALUE_BYTES + each)
+        elif encoding in _DICTIONARY_ENCODINGS and strings:
+            need += values * dictionary.longest(file, values)
+        yield need
         at += length + packed
+
+
+def _header(file: IO[bytes], at: int) -> tuple[dict[int, Any], int]:
+    """Return a page's header and its length; most have a hundred bytes."""
+    for room in (1 << 10, _MAX_HEADER_BYTES):
+        file.seek(at)
+        raw = file.read(room)
+        with suppress(IndexError):
+            return _Thrift(raw).whole()
+    msg = "a header without end"
+    raise ValueError(msg)
+
+
+@dataclass
+class _Dictionary:
+    """A page of strings that other pages refer to."""
+
+    at: int
+    packed: int
+    unpacked: int
+    compression: str
+    known: int | None = None
+
+    def longest(self, file: IO[bytes], values: int) -> int:
+        """Return the length of the longest string, or a larger number where that does no harm."""
+        if values * self.unpacked <= _HARMLESS_BYTES:
+            return self.unpacked
+        if self.known is None:
+            file.seek(self.at)
+            data = _unpacked(file.read(self.packed), self.unpacked, self.compression)
+            self.known = _longest(data)
+        return self.known
 
 
 def _size(value: object) -> int:

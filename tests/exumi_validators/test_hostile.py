@@ -438,3 +438,54 @@ def test_a_split_of_a_million_mistakes(tmp_path: Path) -> None:
     report = validate(root)
     assert report.codes()["META-002"] == 1
     assert report.coverage.unchecked == ()
+
+
+def test_more_mistakes_than_anyone_reads(tmp_path: Path) -> None:
+    """Half a million frames without a byte: judging each would take a minute."""
+    count = 500_000
+    draft = tmp_path / "store.zarr"
+    shutil.copytree(CORPUS / "valid" / "images__encoded" / "store.zarr", draft)
+    (stream,) = (draft / "streams").glob("[a-z]*/")
+    offset = np.zeros(count + 1, "u8")
+    offset[-1] = json.loads((stream / "data/zarr.json").read_text())["shape"][0]
+    empty = {"time": np.arange(count), "offset": offset, "crc32c": np.zeros(count, "u4")}
+    for name, rows in empty.items():
+        names = ("edge",) if name == "offset" else ("time",)
+        shutil.rmtree(stream / name)
+        writer = ArrayWriter(
+            stream / name, rows.dtype, (), chunk_rows=count + 1, zstd=True, dimension_names=names
+        )
+        writer.append(rows)
+        writer.finish()
+    report = validate(draft)
+    (item,) = report.coverage.unchecked
+    assert "stopped after 10,000 findings" in item.reason
+    assert not report.valid
+    assert report.codes()["IMG-006"] == 10_000
+
+
+def test_the_directory_of_a_zip_is_read_at_any_level_and_the_rest_is_not(episode: Path) -> None:
+    archive = pack(episode)
+    data = bytearray(archive.read_bytes())
+    data[data.index(b"press")] ^= 1
+    archive.write_bytes(data)
+    assert "PACK-009" in validate(archive).codes()
+    assert "PACK-009" not in validate(archive, levels=["hierarchy"]).codes()
+
+
+def test_an_offset_that_no_file_has(episode: Path) -> None:
+    """Records for large files, with a place beyond what a system call can take."""
+    archive = pack(episode)
+    data = archive.read_bytes()
+    at = data.index(b"PK\x01\x02")
+    name = int.from_bytes(data[at + 28 : at + 30], "little")
+    extra = struct.pack("<2HQ", 1, 8, (1 << 64) - 1)
+    spoiled = bytearray(data[: at + 46 + name] + extra + data[at + 46 + name :])
+    spoiled[at + 30 : at + 32] = len(extra).to_bytes(2, "little")
+    spoiled[at + 42 : at + 46] = b"\xff" * 4
+    end = spoiled.rindex(b"PK\x05\x06")
+    spoiled[end + 12 : end + 16] = (end - at).to_bytes(4, "little")
+    archive.write_bytes(spoiled)
+    assert validate(archive).codes()["PACK-007"] == 1
+    with pytest.raises(DamagedDataError, match="beyond the end"):
+        ZipStore(archive)

@@ -64,7 +64,8 @@ def _validate(path: Path, verdict: Verdict) -> None:
         verdict.mistakes.append("invalid without an error")
     for item in report.coverage.unchecked:
         # A check that fails is named by its rules.
-        if _CODE.search(item.what) or item.what == "the episode":
+        stopped = item.reason.startswith("TooManyFindingsError")
+        if (_CODE.search(item.what) or item.what == "the episode") and not stopped:
             verdict.mistakes.append(f"unchecked: {item}")
     if any(not line.isprintable() for line in text.splitlines()):
         verdict.mistakes.append("the report holds what cannot be printed")

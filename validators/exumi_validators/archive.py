@@ -97,7 +97,7 @@ def read_archive(path: str | os.PathLike[str]) -> ArchiveContext:
 def _member(descriptor: int, info: zipfile.ZipInfo, size: int) -> Member:
     name = info.orig_filename
     start = info.header_offset
-    raw = os.pread(descriptor, _LOCAL_HEADER.size, start) if start >= 0 else b""
+    raw = os.pread(descriptor, _LOCAL_HEADER.size, start) if 0 <= start < size else b""
     if len(raw) < _LOCAL_HEADER.size:
         return Member(info, name, "there is no local header where the directory says", start, start)
     fields = _LOCAL_HEADER.unpack(raw)

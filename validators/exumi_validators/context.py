@@ -54,6 +54,8 @@ _MAX_NODE_BYTES = 1 << 20
 _BLOCK_BYTES = 4 << 20
 _SMALL_BYTES = 64 << 10
 _MAX_BLOCK_BYTES = 64 << 20
+_MAX_BLOCK_ROWS = 1 << 20  # some checks make Python objects of them
+_MAX_CACHED_BYTES = 64 << 20
 _METADATA: TypeAdapter[Any] = TypeAdapter(EpisodeMetadata)
 _STREAM: TypeAdapter[Any] = TypeAdapter(Stream)
 _DERIVED_ITEM: TypeAdapter[Any] = TypeAdapter(DerivedItem)
@@ -142,6 +144,7 @@ class EpisodeContext:
         self._layouts: dict[str, ArrayDocument | None] = {}
         self._shards: dict[str, tuple[Problem, ...]] = {}
         self._small: dict[str, np.ndarray] = {}
+        self._cached = 0
 
     # ------------------------------------------------------------------------------- documents
 
@@ -445,7 +448,7 @@ class EpisodeContext:
         whole = [reader for reader in readers if reader is not None]
         if len(whole) < len(paths) or len({reader.shape[0] for reader in whole}) != 1:
             return
-        step = min(max(_rows(r) for r in whole), *(_most_rows(r) for r in whole))
+        step = min(max(_rows(r) for r in whole), _MAX_BLOCK_ROWS, *(_most_rows(r) for r in whole))
         for start in range(0, whole[0].shape[0], step):
             stop = min(start + step, whole[0].shape[0])
             rows = []
@@ -463,7 +466,11 @@ class EpisodeContext:
             return reader.rows(start, stop)
         # Many checks ask for the same small arrays.
         if reader.path not in self._small:
-            self._small[reader.path] = reader.rows(0, reader.shape[0])
+            rows = reader.rows(0, reader.shape[0])
+            if self._cached + rows.nbytes > _MAX_CACHED_BYTES:
+                return rows[start:stop]
+            self._small[reader.path] = rows
+            self._cached += rows.nbytes
         return self._small[reader.path][start:stop]
 
     def root_sha256(self) -> str | None:

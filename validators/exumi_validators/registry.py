@@ -8,12 +8,19 @@ from typing import Generic, Literal, TypeVar
 from exumi_data.standard import Level, Rule, rules
 from exumi_validators.report import Problem, Skipped
 
-__all__ = ["Check", "Finding", "check", "checks_of"]
+__all__ = ["MAX_FINDINGS", "Check", "Finding", "TooManyFindingsError", "check", "checks_of"]
 
 Finding = Problem | Skipped
 """What a check yields: a broken rule, or a rule that it could not judge, with the reason."""
 
 Context = TypeVar("Context")
+
+MAX_FINDINGS = 10_000
+"""Findings of one check in one episode."""
+
+
+class TooManyFindingsError(Exception):
+    """A check was stopped: what is left was not judged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +52,17 @@ class Check(Generic[Context]):
         return self.function.__name__
 
     def __call__(self, context: Context) -> Iterator[Finding]:
-        """Judge; yields only findings of the check's own rules."""
-        for found in self.function(context):
+        """Judge; yields only findings of the check's own rules.
+
+        Raises
+        ------
+        TooManyFindingsError
+            After ten thousand: a file of a kilobyte can have a thousand million mistakes.
+        """
+        for number, found in enumerate(self.function(context)):
+            if number >= MAX_FINDINGS:
+                msg = f"judging was stopped after {MAX_FINDINGS:,} findings"
+                raise TooManyFindingsError(msg)
             if found.code not in self.rules:
                 msg = f"the check {self.name} reports {found.code}, which it does not judge"
                 raise RuntimeError(msg)

@@ -372,7 +372,7 @@ def test_a_newer_major_is_refused_before_anything_else_is_looked_at() -> None:
         (b'{"a": ' + b"9" * 5000 + b"}", "not valid JSON"),
         (b"[" * 100_000, "nested too deeply"),
         (b'{"a":' * 100_000, "nested too deeply"),
-        (b" " * ((64 << 20) + 1), "larger than 64 MiB"),
+        (b" " * ((32 << 20) + 1), "larger than 32 MiB"),
         (b'{"a": [' + b"1," * 99_999 + b"1]}", "more than 100,000 commas"),
         (b'{"a": [' + b"[]," * 60_000 + b"1]}", "more than 100,000 commas"),
     ],

@@ -285,22 +285,31 @@ def foreign_files(episode: EpisodeContext) -> Iterator[Problem]:
         known.add("derived/zarr.json")
     elsewhere = _judged_elsewhere(episode)
     for path in episode.listing.files:
-        if path not in known and not path.startswith(elsewhere) and not _is_shard(episode, path):
+        if path in known or _is_shard(episode, path):
+            continue
+        if not any(folder in elsewhere for folder in _folders_of(path)):
             yield problem("HIER-001", path)
 
 
-def _judged_elsewhere(episode: EpisodeContext) -> tuple[str, ...]:
+def _folders_of(path: str) -> Iterator[str]:
+    at = path.find("/")
+    while at >= 0:
+        yield path[:at]
+        at = path.find("/", at + 1)
+
+
+def _judged_elsewhere(episode: EpisodeContext) -> set[str]:
     """Folders of which another rule speaks: not listed, not described, or not understood."""
-    found = [f"streams/{name}/" for name in episode.stream_names - set(episode.streams)]
-    found += [f"{path}/" for path in _unlisted(episode)]
-    found += [f"derived/{key}/" for key in _undescribed(episode)]
-    found += [f"{path}/c/" for path in episode.expected_arrays if path not in episode.array_nodes]
+    found = [f"streams/{name}" for name in episode.stream_names - set(episode.streams)]
+    found += _unlisted(episode)
+    found += [f"derived/{key}" for key in _undescribed(episode)]
+    found += [f"{path}/c" for path in episode.expected_arrays if path not in episode.array_nodes]
     items = (episode.derived_document or {}).get("items")
     if not isinstance(items, dict) or len(episode.derived) < len(items):
-        found.append("derived/")
+        found.append("derived")
     if "calibration" in (episode.document or {}) and episode.section("calibration") is None:
-        found.append("calibration/")
-    return tuple(found)
+        found.append("calibration")
+    return set(found)
 
 
 def _is_shard(episode: EpisodeContext, path: str) -> bool:

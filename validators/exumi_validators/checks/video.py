@@ -212,8 +212,10 @@ def _expected_time(
 def containers(episode: EpisodeContext) -> Iterator[Problem]:
     """Digest every file and decode every frame."""
     for name, _, images in _video_streams(episode):
+        if not _index_is_sound(episode, name, images):
+            continue
         data, edges = episode.reader(f"streams/{name}/data"), _edges(episode, name)
-        if data is None or edges is None or not _index_is_sound(episode, name, images):
+        if data is None or edges is None:
             continue
         listed, statistics = _Listed(episode, name), begin_statistics(episode, name)
         for index, file in enumerate(images.files):
