@@ -111,9 +111,5 @@ def spoil_zip(data: bytes, random: Random) -> tuple[bytes, str]:
     way = random.choice(_WAYS)
     try:
         return way(data, random), f"zip {way.__name__.strip('_')}"
-<<<<<<< HEAD
-    except (zipfile.BadZipFile, ValueError, OverflowError, struct.error, UnicodeError):
-=======
     except Exception:  # noqa: BLE001  # it was spoiled before
->>>>>>> fuzz
         return spoil_bytes(data, random), "zip bytes"
