@@ -26,6 +26,7 @@ __all__ = ["latency"]
 
 # A latency is the same all along: the first hour at 1 kHz tells enough.
 _MOST_SAMPLES = 1 << 22
+_COMPARED = ("tactile", "width", "pose")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,10 @@ def latency(episode: EpisodeContext) -> Iterator[Finding]:
     for name in _of_kind(episode, "pose"):
         if tactile:
             yield from _against_touch(episode, name, trusted)
+    for name, stream in episode.streams.items():
+        if stream.kind not in _COMPARED:
+            reason = f"a stream of kind {stream.kind} is compared with no other"
+            yield from _skipped(reason, f"streams/{name}")
 
 
 def _of_kind(episode: EpisodeContext, kind: str) -> list[str]:
