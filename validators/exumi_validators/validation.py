@@ -27,6 +27,7 @@ from exumi_validators.episode_run import (
     validate_episode,
 )
 from exumi_validators.findings import Collector, merged
+from exumi_validators.listing import list_folder
 from exumi_validators.plugins import installed
 from exumi_validators.registry import Check, checks_of
 from exumi_validators.report import Coverage, Report, Skipped, Unchecked
@@ -35,6 +36,7 @@ __all__ = ["dataset_checks", "validate"]
 
 # Starting processes costs more than judging a few episodes.
 _PARALLEL_FROM = 8
+_PARALLEL_BYTES = 32 << 20
 
 
 @cache
@@ -183,7 +185,10 @@ def _validate_dataset(
             with_digest="data" in levels and has_digests,
             config=config,
         )
-        for episode, result in _episodes(dataset, judge, workers, on_progress):
+        few = len(dataset.episodes) < _PARALLEL_FROM
+        if few and not ("data" in levels and _is_much(dataset.root, dataset.episodes)):
+            workers = 1
+        for episode, result in _episodes(dataset.episodes, judge, workers, on_progress):
             if isinstance(result, Unchecked):
                 unchecked.append(result)
                 continue
@@ -226,15 +231,13 @@ def _validate_dataset(
 
 
 def _episodes(
-    dataset: DatasetContext,
+    episodes: list[str],
     judge: Callable[[str], EpisodeResult],
     workers: int | None,
     on_progress: Callable[[int, int], None] | None,
 ) -> "list[tuple[str, EpisodeResult | Unchecked]]":
-    episodes = dataset.episodes
-    single = len(episodes) < _PARALLEL_FROM
     done: list[tuple[str, EpisodeResult | Unchecked]] = []
-    for outcome in map_items(judge, episodes, workers=1 if single else workers):
+    for outcome in map_items(judge, episodes, workers=workers):
         if outcome.value is not None:
             done.append((outcome.item, outcome.value))
         else:
@@ -243,6 +246,22 @@ def _episodes(
         if on_progress is not None:
             on_progress(len(done), len(episodes))
     return sorted(done, key=lambda pair: pair[0])
+
+
+def _is_much(root: Path, episodes: list[str]) -> bool:
+    """Whether a few episodes are so long that they are worth processes of their own."""
+    if len(episodes) < 2:
+        return False
+    total = 0
+    for episode in episodes:
+        path = root / episode
+        if path.is_file():
+            total += path.stat().st_size
+        else:
+            total += sum(list_folder(os.fspath(path)).files.values())
+        if total > _PARALLEL_BYTES:
+            return True
+    return False
 
 
 def _judge_member(
