@@ -214,7 +214,7 @@ class EpisodeWriter:
         ----------
         name : str
             It is stored as ``calibration/<name>``; an item of ``metadata.calibration`` has this as
-            its `array`.
+            its `array`. Names may be divided by ``/``, as in ``tactile_reference/tactile_left``.
         values : ndarray
             Of at least one axis.
         dimension_names : sequence of str, optional
@@ -226,7 +226,9 @@ class EpisodeWriter:
             The name is none or taken, or the array cannot be stored.
         """
         self._check_open()
-        self._check_name(name)
+        parts = name.split("/")
+        for part in parts:
+            self._check_name(part)
         array = self._storable(name, values)
         names = dimension_names or [f"axis_{i}" for i in range(array.ndim)]
         root = self._partial / "calibration"
@@ -235,8 +237,12 @@ class EpisodeWriter:
                 f"calibration/{name} is there already, or its axes are not {len(names)}",
                 where=self.path,
             )
+        groups = [root.joinpath(*parts[:depth]) for depth in range(len(parts))]
+        if any((group / "c").exists() for group in groups[1:]):
+            raise UsageError(f"calibration/{name} lies inside another array", where=self.path)
         _write_array(root / name, array, tuple(names))
-        (root / "zarr.json").write_bytes(group_document())
+        for group in groups:
+            (group / "zarr.json").write_bytes(group_document())
 
     def _storable(self, name: str, values: np.ndarray) -> np.ndarray:
         array = np.asarray(values)

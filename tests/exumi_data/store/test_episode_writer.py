@@ -577,6 +577,9 @@ def test_calibration_arrays_and_keys_of_third_parties_are_written(tmp_path: Path
             writer.add_calibration_array("text", np.array(["a"]))
         with pytest.raises(UsageError, match="is no name"):
             writer.add_calibration_array("../out", values)
+        writer.add_calibration_array("tactile_reference/tactile", values)
+        with pytest.raises(UsageError, match="inside another array"):
+            writer.add_calibration_array("map/inner", values)
         stream = writer.add_stream("tactile", kind="tactile", images=encoded_images())
         stream.append(times(), jpegs())
         more: dict[str, Any] = {"acme:lamp": 3}
