@@ -11,7 +11,7 @@ from typing import Any
 from exumi_data import __version__
 from exumi_data.catalog import EPISODES_FOLDER
 from exumi_data.dataset import DATASET_DOCUMENT
-from exumi_data.engine import map_items
+from exumi_data.engine import map_items, warm_up
 from exumi_data.errors import NotAnEpisodeError, UnsupportedError, UsageError
 from exumi_data.model.episode import FORMAT_VERSION
 from exumi_data.standard import LEVELS, Level
@@ -188,6 +188,8 @@ def _validate_dataset(
         few = len(dataset.episodes) < _PARALLEL_FROM
         if few and not ("data" in levels and _is_much(dataset.root, dataset.episodes)):
             workers = 1
+        elif workers != 1:
+            warm_up(__name__)  # workers are forked with everything loaded, also in later calls
         for episode, result in _episodes(dataset.episodes, judge, workers, on_progress):
             if isinstance(result, Unchecked):
                 unchecked.append(result)
