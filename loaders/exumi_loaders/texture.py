@@ -116,7 +116,8 @@ def _pyramid(image: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
 
 def _magnitudes(band: np.ndarray) -> np.ndarray:
     size = np.abs(band).reshape(-1, band.shape[2])
-    return np.log1p(np.concatenate((size.mean(0), *np.percentile(size, _PERCENTILES, axis=0))))
+    found = np.concatenate((size.mean(0), *np.percentile(size, _PERCENTILES, axis=0)))
+    return np.asarray(np.log1p(found))
 
 
 def _directions(band: np.ndarray) -> np.ndarray:
