@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 from exumi_data.errors import MissingExtraError
 
 if TYPE_CHECKING:
+    from exumi_loaders.active_sampler import ActiveWindowSampler
     from exumi_loaders.representation import TactileRepresentation
     from exumi_loaders.sampler import WindowIndex, WindowSampler
     from exumi_loaders.timeline import Timeline, TimelineSettings, build_timeline
     from exumi_loaders.tpp import TPPWindows
 
 __all__ = [
+    "ActiveWindowSampler",
     "TPPWindows",
     "TactileRepresentation",
     "Timeline",
@@ -25,6 +27,7 @@ __all__ = [
 ]
 
 _HOME = {
+    "ActiveWindowSampler": "active_sampler",
     "TPPWindows": "tpp",
     "TactileRepresentation": "representation",
     "Timeline": "timeline",

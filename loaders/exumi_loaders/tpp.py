@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, SupportsIndex
 import numpy as np
 import torch
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader, Dataset, Sampler
 
 from exumi_data.errors import UsageError
 from exumi_data.splits import split_ids
@@ -338,7 +338,7 @@ class TPPWindows(Dataset[Item]):
         reject_inactive: float = 0.0,
         drop_last: bool = False,
         num_workers: int = 0,
-        sampler: WindowSampler | None = None,
+        sampler: Sampler[WindowIndex] | None = None,
         **options: Any,
     ) -> DataLoader[Item]:
         """Make a DataLoader whose batches are filled in one buffer.
@@ -351,7 +351,7 @@ class TPPWindows(Dataset[Item]):
             Probability that an inactive window is left out of an epoch; it is never decoded.
         drop_last : bool
         num_workers : int
-        sampler : WindowSampler, optional
+        sampler : WindowSampler or ActiveWindowSampler, optional
             Instead of `shuffle` and `reject_inactive`.
         **options
             Passed on to `torch.utils.data.DataLoader`.
