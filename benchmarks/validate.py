@@ -1,7 +1,8 @@
 """Episodes per second of validating at each level, and level ``data`` against bare decoding.
 
-The bare loop reads the frames of each episode and decodes every one of them, in as many processes,
-started in the same way, in the same run::
+The bare loop reads the frames of each episode and decodes every one of them to the pixels that the
+stream declares, (H, W, C) uint8, in as many processes, started in the same way, in the same run. Of
+video there is a second one, ``codec``: it runs FFmpeg's decoder and takes no pixels out of it::
 
     python benchmarks/validate.py --dataset WORK/bench-native --json results/validate.json
 """
@@ -23,7 +24,7 @@ from exumi_data.standard import LEVELS
 from exumi_data.store import jpeg
 from exumi_data.store.access import FolderStore
 from exumi_data.store.shards import ArrayReader, open_array
-from exumi_data.store.video import VideoDecoder
+from exumi_data.store.video import FramePixels, VideoDecoder
 
 
 def main() -> None:
@@ -52,16 +53,19 @@ def _measure(dataset: Path, workers: int, repeats: int) -> dict[str, Any]:
     for level in LEVELS:
         found[f"{level}_episodes_per_s"] = timed(partial(_episodes_at, validate, level), repeats)
     # One after the other, so that both see the same neighbours on the machine.
-    rates: dict[str, list[float]] = {"data": [], "bare": []}
     runs: dict[str, Callable[[], int]] = {"data": lambda: validate("data")[1], "bare": bare}
+    if any("video" in encodings for encodings in map(partial(_encodings, dataset), paths)):
+        runs["codec"] = partial(_bare, dataset, paths, workers, pixels=False)
+    rates: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(repeats):
         for name, run in runs.items():
             rates[name].append(timed(run, 1)["median"])
     for name, values in rates.items():
         median, shown = float(np.median(values)), [round(value) for value in values]
         found[f"{name}_frames_per_s"] = {"median": round(median), "all": shown}
-    ratios = [a / b for a, b in zip(rates["data"], rates["bare"], strict=True)]
-    found["data_to_bare"] = round(float(np.median(ratios)), 3)
+    for name in runs.keys() - {"data"}:
+        ratios = [a / b for a, b in zip(rates["data"], rates[name], strict=True)]
+        found[f"data_to_{name}"] = round(float(np.median(ratios)), 3)
     return found
 
 
@@ -77,34 +81,43 @@ def _episodes_at(validate: Callable[[Any], tuple[int, int]], level: str) -> int:
     return validate(level)[0]
 
 
-def _bare(dataset: Path, paths: list[str], workers: int) -> int:
-    decode = partial(_decode_episode, dataset=str(dataset))
+def _bare(dataset: Path, paths: list[str], workers: int, *, pixels: bool = True) -> int:
+    decode = partial(_decode_episode, dataset=str(dataset), pixels=pixels)
     return sum(outcome.value or 0 for outcome in map_items(decode, paths, workers=workers))
 
 
-def _decode_episode(path: str, *, dataset: str) -> int:
+def _streams(store: FolderStore) -> dict[str, Any]:
+    streams: dict[str, Any] = json.loads(store.read("zarr.json"))["attributes"]["exumi"]["streams"]
+    return streams
+
+
+def _encodings(dataset: Path, path: str) -> set[str]:
+    streams = _streams(FolderStore(dataset / path)).values()
+    return {stream["images"]["encoding"] for stream in streams if "images" in stream}
+
+
+def _decode_episode(path: str, *, dataset: str, pixels: bool = True) -> int:
     """Decode every frame of an episode, and do nothing with it."""
     store = FolderStore(f"{dataset}/{path}")
     try:
-        streams = json.loads(store.read("zarr.json"))["attributes"]["exumi"]["streams"]
         return sum(
-            _decode_stream(store, f"streams/{name}", stream["images"])
-            for name, stream in streams.items()
+            _decode_stream(store, f"streams/{name}", stream["images"], pixels=pixels)
+            for name, stream in _streams(store).items()
             if "images" in stream
         )
     finally:
         store.close()
 
 
-def _decode_stream(store: FolderStore, base: str, images: dict[str, Any]) -> int:
+def _decode_stream(store: FolderStore, base: str, images: dict[str, Any], *, pixels: bool) -> int:
     data, offset = open_array(store, f"{base}/data"), open_array(store, f"{base}/offset").read()
     if not isinstance(data, ArrayReader):
         raise SystemExit(f"{base}: not in the standard layout")
     edges = offset.tolist()
     files = (data.bytes_at(a, b - a) for a, b in itertools.pairwise(edges))
-    if images["encoding"] == "video":
-        return sum(_decode_video(file) for file in files)
     out = np.empty((images["height"], images["width"], images["channels"]), np.uint8)
+    if images["encoding"] == "video":
+        return sum(_decode_video(file, out if pixels else None) for file in files)
     count = 0
     for file in files:
         jpeg.decode_into(file, out)
@@ -112,9 +125,14 @@ def _decode_stream(store: FolderStore, base: str, images: dict[str, Any]) -> int
     return count
 
 
-def _decode_video(file: bytes) -> int:
+def _decode_video(file: bytes, out: np.ndarray | None) -> int:
+    count, pixels = 0, FramePixels()
     with VideoDecoder(file, "the video") as decoder:
-        return sum(1 for _ in decoder.frames())
+        for frame in decoder.frames():
+            count += 1
+            if out is not None:
+                pixels.into(frame, out)
+    return count
 
 
 if __name__ == "__main__":

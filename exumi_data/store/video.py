@@ -82,8 +82,12 @@ class FramePixels:
             grey = self._reformatter.reformat(frame, format="gray", threads=1).to_ndarray()
             return grey, True
         plane = frame.planes[0]
-        levels: np.ndarray = np.frombuffer(plane, np.uint8)  # type: ignore[call-overload]  # PyAV's stubs do not say that a plane is a buffer
-        luma = levels.reshape(-1, plane.line_size)[:, : frame.width]
+        luma: np.ndarray = np.ndarray(
+            (plane.height, plane.width),
+            np.uint8,
+            plane,  # type: ignore[arg-type]  # PyAV's stubs do not say that a plane is a buffer
+            strides=(plane.line_size, 1),
+        )
         return luma, frame.color_range == _FULL_RANGE or name in _FULL_RANGE_FORMATS
 
     def into(self, frame: VideoFrame, out: np.ndarray) -> None:

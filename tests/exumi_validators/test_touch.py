@@ -374,6 +374,15 @@ def test_memory_does_not_grow_with_frames() -> None:
     assert len(found._pixels) == 64
 
 
+def test_a_frame_is_kept_although_its_memory_is_used_again() -> None:
+    found = FrameStatistics((24, 32), LIMITS, kept=[0, 1], searched=[])
+    memory = np.empty((24, 32, 1), np.uint8)
+    for index in range(2):
+        memory[:] = 100 + index
+        found.add(index, memory)
+    assert [int(found.thumbnails[index].max()) for index in (0, 1)] == [100, 101]
+
+
 @pytest.mark.parametrize("size", [(1, 1), (1, 4000), (3000, 2), (480, 640)])
 def test_images_of_any_shape_are_sampled(size: tuple[int, int]) -> None:
     (found,) = looks(9, [0, 1, 2], [], size)

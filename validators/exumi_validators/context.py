@@ -52,7 +52,7 @@ _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 _DERIVED_KEY = re.compile(r"[a-z][a-z0-9_]*/[a-z][a-z0-9_]*")
 _MAX_NODE_BYTES = 1 << 20
 _BLOCK_BYTES = 4 << 20
-_SMALL_BYTES = 64 << 10
+_SMALL_BYTES = 1 << 20
 _MAX_BLOCK_BYTES = 64 << 20
 _MAX_BLOCK_ROWS = 1 << 20  # some checks make Python objects of them
 _MAX_CACHED_BYTES = 64 << 20
@@ -333,6 +333,20 @@ class EpisodeContext:
             if item.array is not None and CALIBRATION_PATH.fullmatch(item.array):
                 found[item.array] = None
         return found
+
+    @cached_property
+    def group_paths(self) -> tuple[str, ...]:
+        """Paths of all groups but the root: parents of what the metadata names, sorted."""
+        found = {"streams"}
+        arrays = [path for path in self.expected_arrays if not self.is_missing_calibration(path)]
+        for path in (*arrays, *(f"streams/{name}/x" for name in self.streams)):
+            parts = path.split("/")[:-1]
+            found |= {"/".join(parts[: depth + 1]) for depth in range(len(parts))}
+        return tuple(sorted(found))
+
+    def is_missing_calibration(self, path: str) -> bool:
+        """Whether a path is that of a calibration array which is not there."""
+        return path.startswith("calibration/") and f"{path}/zarr.json" not in self.listing.files
 
     def stream_of(self, path: str) -> StreamModel | None:
         """Return the stream that an array belongs to; None for arrays outside ``streams``.

@@ -157,7 +157,8 @@ class FrameStatistics:
         self._frames.append(index)
         if index in self._kept:
             small = thumbnail(to_grey(frame))
-            self.thumbnails[index] = small if levels is None else levels[small]
+            # A small frame is its own thumbnail, in memory that the caller uses again.
+            self.thumbnails[index] = small.copy() if levels is None else levels[small]
 
     def search(self, index: int, frame: UInt8Array) -> None:
         """Search a frame, (H, W, C) uint8, for jumps; others than those asked for are ignored."""

@@ -32,7 +32,7 @@ class FrozenFrames:
         index : int
         time_ns : int
         value : int
-            A hash of the frame.
+            A checksum of the frame.
 
         Returns
         -------

@@ -60,12 +60,12 @@ def _walk(root: str, closed: dict[str, str]) -> Iterator[tuple[str, os.stat_resu
             continue
         with entries:
             for entry in entries:
-                path, info = prefix + entry.name, entry.stat(follow_symlinks=False)
-                is_folder = stat.S_ISDIR(info.st_mode)
+                path = prefix + entry.name
+                is_folder = entry.is_dir(follow_symlinks=False)
                 if is_folder and depth < _MAX_DEPTH and not _is_unsafe(entry.name):
                     folders.append((f"{path}/", depth + 1))
                 else:
-                    yield path, info
+                    yield path, entry.stat(follow_symlinks=False)
 
 
 def list_folder(root: str) -> Listing:

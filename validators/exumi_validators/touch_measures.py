@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -158,7 +159,7 @@ def shift_between(reference: UInt8Array, image: UInt8Array) -> Shift:
     import cv2
 
     before, after = _pattern(reference), _pattern(image)
-    window = cv2.createHanningWindow((before.shape[1], before.shape[0]), cv2.CV_32F)
+    window = _window(before.shape[1], before.shape[0])
     (right, down), _ = cv2.phaseCorrelate(before, after, window)
     back = np.array([[1, 0, right], [0, 1, down]], np.float32)
     size = (before.shape[1], before.shape[0])
@@ -168,6 +169,13 @@ def shift_between(reference: UInt8Array, image: UInt8Array) -> Shift:
     was = np.abs(after - before)[rows, columns].mean()
     is_now = np.abs(undone - before)[rows, columns].mean()
     return Shift(float(right), float(down), float(is_now / max(float(was), 1e-6)))
+
+
+@lru_cache(maxsize=8)
+def _window(width: int, height: int) -> Float32Array:
+    import cv2
+
+    return np.asarray(cv2.createHanningWindow((width, height), cv2.CV_32F), np.float32)
 
 
 def _inside(length: int, shift: float) -> slice:

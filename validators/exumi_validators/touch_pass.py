@@ -5,7 +5,6 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from exumi_data.errors import ExumiError
 from exumi_data.model.streams import TactileStream
 from exumi_data.tactile import thumbnail, to_grey
 from exumi_validators.context import EpisodeContext
@@ -133,7 +132,7 @@ def image_of(episode: EpisodeContext, path: str) -> UInt8Array | None:
         return None
     if reader.shape[2] not in (1, 3) or not 0 < math.prod(reader.shape) <= _MAX_IMAGE_BYTES:
         return None
-    try:
-        return np.asarray(reader.rows(0, reader.shape[0]), np.uint8)
-    except (ExumiError, OSError):
-        return None  # chunks that cannot be read are the matter of other rules
+    rows = [block for _, (block,) in episode.blocks(path)]
+    found = np.concatenate(rows) if len(rows) > 1 else rows[0] if rows else None
+    # Chunks that cannot be read are the matter of other rules.
+    return found if found is not None and found.shape == reader.shape else None

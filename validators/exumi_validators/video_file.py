@@ -3,11 +3,13 @@
 import hashlib
 import io
 import os
+from typing import IO, cast
 
 from exumi_data.store.shards import ArrayReader
 
-__all__ = ["VideoFileReader", "looks_like"]
+__all__ = ["VideoFileReader", "looks_like", "open_file", "sha256_of"]
 
+_SMALL_BYTES = 4 << 20
 _PIECE = 1 << 20
 _QUICKTIME_ATOMS = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot")
 
@@ -68,13 +70,34 @@ class VideoFileReader(io.RawIOBase):
         self._position += len(data)
         return data
 
-    def sha256(self) -> str:
-        """Return the digest of the whole file."""
-        state = hashlib.sha256()
-        self.seek(0)
-        while piece := self.read(_PIECE):
-            state.update(piece)
-        return state.hexdigest()
+
+def open_file(data: ArrayReader, start: int, stop: int) -> IO[bytes]:
+    """Open a file that lies in an array of bytes; a small one is read into memory at once.
+
+    Parameters
+    ----------
+    data : ArrayReader
+        Of bytes.
+    start, stop : int
+        Where the file begins and ends in it.
+    """
+    if stop - start <= _SMALL_BYTES:
+        return io.BytesIO(data.bytes_at(start, stop - start))
+    return cast("IO[bytes]", VideoFileReader(data, start, stop))
+
+
+def sha256_of(file: IO[bytes]) -> str:
+    """Return the digest of a whole file.
+
+    Parameters
+    ----------
+    file : binary file
+    """
+    state = hashlib.sha256()
+    file.seek(0)
+    while piece := file.read(_PIECE):
+        state.update(piece)
+    return state.hexdigest()
 
 
 def looks_like(head: bytes, media_type: str) -> bool:

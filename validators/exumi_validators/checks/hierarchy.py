@@ -50,24 +50,10 @@ def links(episode: EpisodeContext) -> Iterator[Problem]:
         yield problem("SAFE-002", path, found=path)
 
 
-def _group_paths(episode: EpisodeContext) -> list[str]:
-    """Paths of all groups but the root: parents of what the metadata names."""
-    found = {"streams"}
-    arrays = [p for p in episode.expected_arrays if not _is_missing_calibration(episode, p)]
-    for path in (*arrays, *(f"streams/{name}/x" for name in episode.streams)):
-        parts = path.split("/")[:-1]
-        found |= {"/".join(parts[: depth + 1]) for depth in range(len(parts))}
-    return sorted(found)
-
-
-def _is_missing_calibration(episode: EpisodeContext, path: str) -> bool:
-    return path.startswith("calibration/") and f"{path}/zarr.json" not in episode.listing.files
-
-
 @check("HIER-002")
 def groups(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that every group has a document, so that plain readers find what is below."""
-    for path in _group_paths(episode):
+    for path in episode.group_paths:
         if f"{path}/zarr.json" not in episode.listing.files:
             yield problem("HIER-002", path)
 
@@ -79,7 +65,7 @@ def array_documents(episode: EpisodeContext) -> Iterator[Problem]:
         mistake = node_mistake(episode.root.value, "group")
         if mistake is not None:
             yield problem("ZARR-001", ROOT, detail=mistake)
-    wanted = dict.fromkeys(_group_paths(episode), "group")
+    wanted = dict.fromkeys(episode.group_paths, "group")
     wanted |= dict.fromkeys(episode.expected_arrays, "array")
     for path, node_type in wanted.items():
         loaded = episode.array_document(path)
@@ -100,7 +86,7 @@ def array_documents(episode: EpisodeContext) -> Iterator[Problem]:
 @check("ZARR-006")
 def consolidated(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that no group holds a copy of its members' metadata."""
-    for path in ("", *_group_paths(episode)):
+    for path in ("", *episode.group_paths):
         loaded = episode.array_document(path) if path else episode.root
         if loaded and loaded.value and loaded.value.get("consolidated_metadata") is not None:
             yield problem("ZARR-006", loaded.path, pointer=("consolidated_metadata",))
@@ -110,7 +96,7 @@ def consolidated(episode: EpisodeContext) -> Iterator[Problem]:
 def attributes(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that only the root, and ``derived`` for itself, carry metadata."""
     allowed = {"": {"zarr_conventions", "exumi"}, "derived": {"exumi"}}
-    for path in ("", *_group_paths(episode), *episode.expected_arrays):
+    for path in ("", *episode.group_paths, *episode.expected_arrays):
         loaded = episode.array_document(path) if path else episode.root
         found = loaded.value.get("attributes") if loaded and loaded.value else None
         if not loaded or found is None:
@@ -143,7 +129,7 @@ def calibration_arrays(episode: EpisodeContext) -> Iterator[Problem]:
         path = item.array
         if path is None:
             continue
-        if not CALIBRATION_PATH.fullmatch(path) or _is_missing_calibration(episode, path):
+        if not CALIBRATION_PATH.fullmatch(path) or episode.is_missing_calibration(path):
             yield problem("CAL-001", ROOT, pointer=(*pointer, "array"), found=path)
 
 
@@ -279,7 +265,7 @@ def _unlisted(episode: EpisodeContext) -> list[str]:
 @check("HIER-001")
 def foreign_files(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that every file is metadata or a shard of something that is named."""
-    known = {ROOT, *(f"{path}/zarr.json" for path in _group_paths(episode))}
+    known = {ROOT, *(f"{path}/zarr.json" for path in episode.group_paths)}
     known |= {f"{path}/zarr.json" for path in episode.expected_arrays}
     if episode.load("derived/zarr.json") is not None:
         known.add("derived/zarr.json")

@@ -89,7 +89,8 @@ def encoded_frames(episode: EpisodeContext, name: str, images: EncodedImages) ->
     size = (images.height, images.width, images.channels)
     if math.prod(size) > MAX_FRAME_BYTES or f"{base}/offset" not in episode.scanned:
         return
-    out = np.empty(size, dtype=np.uint8)
+    # The luma alone: every bit of a file is still decoded, but no colour is computed.
+    luma = np.empty((*size[:2], 1), dtype=np.uint8)
     frozen, statistics = _frozen_frames(episode), begin_statistics(episode, name)
     for start, (time, crc) in episode.blocks(f"{base}/time", f"{base}/crc32c"):
         edges = offset.rows(start, start + len(time) + 1).tolist()
@@ -106,38 +107,52 @@ def encoded_frames(episode: EpisodeContext, name: str, images: EncodedImages) ->
                 reason = str(getattr(error, "what", error))
                 yield problem("IMG-006", f"{base}/data", index=index, detail=reason)
                 continue
-            mistakes = list(_file_problems(file, index, f"{base}/data", int(crc[row]), images, out))
+            found = crc32c(file)
+            if found != crc[row]:
+                expected = f"{crc[row]:08x}"
+                yield problem(
+                    "IMG-005", f"{base}/data", index=index, expected=expected, found=f"{found:08x}"
+                )
+            mistakes = list(_file_problems(file, index, f"{base}/data", images, luma))
             yield from mistakes
-            if statistics is not None and not mistakes:
-                statistics.add(index, out)
-                statistics.search(index, out)
+            if statistics is not None and found == crc[row] and not mistakes:
+                statistics.add(index, luma)
+                if statistics.searches(index):
+                    statistics.search(index, _colours(file, luma, images.channels))
             episode.frames += 1
-            yield from _frozen(frozen.add(index, instant, hash(file)), f"{base}/data")
+            yield from _frozen(frozen.add(index, instant, found), f"{base}/data")
     if statistics is not None:
         statistics.end()
     yield from _frozen(frozen.end(), f"{base}/data")
 
 
+def _colours(file: bytes, luma: np.ndarray, channels: int) -> np.ndarray:
+    """Decode a file that was decoded before, with its colours."""
+    if channels == 1:
+        return luma
+    out = np.empty((*luma.shape[:2], channels), dtype=np.uint8)
+    jpeg.decode_into(file, out)
+    return out
+
+
 def _file_problems(
-    file: bytes, index: int, path: str, checksum: int, images: EncodedImages, out: np.ndarray
+    file: bytes, index: int, path: str, images: EncodedImages, luma: np.ndarray
 ) -> Iterator[Problem]:
-    found = crc32c(file)
-    if found != checksum:
-        shown = f"{checksum:08x}"
-        yield problem("IMG-005", path, index=index, expected=shown, found=f"{found:08x}")
+    """Judge a file, and decode its luma."""
+    declared = (images.height, images.width, images.channels)
     try:
         size = jpeg.size_of(file)
     except DamagedDataError as error:
         yield problem("IMG-006", path, index=index, detail=error.what)
         return
-    if size != out.shape:
-        yield problem("IMG-007", path, index=index, expected=list(out.shape), found=list(size))
+    if size != declared:
+        yield problem("IMG-007", path, index=index, expected=list(declared), found=list(size))
         return
     if not jpeg.is_jpeg(file):
         yield problem("IMG-006", path, index=index, detail="the JPEG has no end")
         return
     try:
-        jpeg.decode_into(file, out)
+        jpeg.decode_into(file, luma)
     except DamagedDataError as error:
         yield problem("IMG-006", path, index=index, detail=error.what)
         return

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from fractions import Fraction
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from exumi_validators.frame_statistics import FrameStatistics
 from exumi_validators.registry import check
 from exumi_validators.report import Problem
 from exumi_validators.touch_pass import begin_statistics
-from exumi_validators.video_file import VideoFileReader, looks_like
+from exumi_validators.video_file import looks_like, open_file, sha256_of
 
 __all__ = ["containers", "file_index", "file_offsets", "keyframes", "pts_ascends", "time_of_pts"]
 
@@ -219,10 +219,10 @@ def containers(episode: EpisodeContext) -> Iterator[Problem]:
             continue
         listed, statistics = _Listed(episode, name), begin_statistics(episode, name)
         for index, file in enumerate(images.files):
-            container = VideoFileReader(data, edges[index], edges[index + 1])
             path = f"streams/{name}/data"
             try:
-                found = container.sha256()
+                container = open_file(data, edges[index], edges[index + 1])
+                found = sha256_of(container)
                 if found != file.sha256:
                     yield problem("VID-006", path, index=index, expected=file.sha256, found=found)
                 yield from _container_problems(
@@ -236,7 +236,13 @@ def containers(episode: EpisodeContext) -> Iterator[Problem]:
 
 
 class _Listed:
-    """The listed frames, one after the other: (index, file, pts, whether it is a keyframe)."""
+    """The listed frames, one after the other.
+
+    Attributes
+    ----------
+    current : (int, int, int, bool) or None
+        Index, file, pts, and whether it is a keyframe; None after the last one.
+    """
 
     def __init__(self, episode: EpisodeContext, name: str) -> None:
         base = f"streams/{name}"
@@ -252,23 +258,17 @@ class _Listed:
             for index, (number, instant, key) in enumerate(columns, start=start):
                 yield index, number, instant, key == index
 
-    def step(self) -> None:
-        """Go to the next frame."""
+    def step(self) -> tuple[int, int, int, bool] | None:
+        """Go to the next frame, and return it."""
         self.current = next(self._rows, None)
-
-    def of_file(self, file: int) -> tuple[int, int, bool] | None:
-        """Return (index, pts, whether it is a keyframe) if the current frame is of this file."""
-        if self.current is None or self.current[1] != file:
-            return None
-        index, _, pts, is_keyframe = self.current
-        return index, pts, is_keyframe
+        return self.current
 
 
 def _container_problems(
     episode: EpisodeContext,
     path: str,
     number: int,
-    container: VideoFileReader,
+    container: IO[bytes],
     images: VideoImages,
     listed: _Listed,
     statistics: FrameStatistics | None,
@@ -282,7 +282,7 @@ def _container_problems(
         return
     container.seek(0)
     pixels = most_pixels(images.height, images.width)
-    with VideoDecoder(container, file.name, pixels=pixels) as decoder:  # type: ignore[arg-type]  # reads and seeks, which is all that is asked of it
+    with VideoDecoder(container, file.name, pixels=pixels) as decoder:
         mistake = _declaration_mistake(decoder, file, images)
         if mistake:
             yield problem("VID-007", path, index=number, detail=mistake)
@@ -321,18 +321,21 @@ def _decoded_problems(
 ) -> Iterator[Problem]:
     from exumi_data.store.video import LIMITED_TO_FULL, FramePixels
 
-    unlisted, pixels = 0, FramePixels()
+    # Of every frame of every video: what can be had beforehand is not asked for again.
+    size, pixels = (images.height, images.width), FramePixels()
+    row, unlisted = listed.current, 0
     first_unlisted: int | None = None
     for frame in decoder.frames():
-        while (row := listed.of_file(number)) and row[1] < frame.pts:
-            yield problem("VID-008", path, index=row[0], detail=f"no frame has the pts {row[1]}")
-            listed.step()
-        if row is None or row[1] != frame.pts:
+        pts = frame.pts
+        while row is not None and row[1] == number and row[2] < pts:
+            yield problem("VID-008", path, index=row[0], detail=f"no frame has the pts {row[2]}")
+            row = listed.step()
+        if row is None or row[1] != number or row[2] != pts:
             unlisted += 1
-            first_unlisted = frame.pts if first_unlisted is None else first_unlisted
+            first_unlisted = pts if first_unlisted is None else first_unlisted
             continue
-        index, _, is_keyframe = row
-        if (frame.height, frame.width) != (images.height, images.width):
+        index = row[0]
+        if (frame.height, frame.width) != size:
             detail = f"it is {frame.width}x{frame.height}"
             yield problem("VID-008", path, index=index, detail=detail)
         elif statistics is not None:
@@ -341,13 +344,13 @@ def _decoded_problems(
             statistics.add(index, luma, levels=None if is_full_range else LIMITED_TO_FULL)
             if statistics.searches(index):
                 statistics.search(index, pixels.rgb(frame))
-        if is_keyframe and not frame.key_frame:
+        if row[3] and not frame.key_frame:
             yield problem("VID-010", path, index=index)
         episode.frames += 1
-        listed.step()
-    while row := listed.of_file(number):
+        row = listed.step()
+    while row is not None and row[1] == number:
         reason = decoder.problem or "the file ends before it"
         yield problem("VID-008", path, index=row[0], detail=reason)
-        listed.step()
+        row = listed.step()
     if first_unlisted is not None:
         yield problem("VID-009", path, index=number, found=unlisted, expected=first_unlisted)
