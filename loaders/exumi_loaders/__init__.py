@@ -10,6 +10,7 @@ from exumi_data.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from exumi_loaders.active_sampler import ActiveWindowSampler
+    from exumi_loaders.clips import Clip, Clips
     from exumi_loaders.representation import TactileRepresentation
     from exumi_loaders.sampler import WindowIndex, WindowSampler
     from exumi_loaders.timeline import Timeline, TimelineSettings, build_timeline
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ActiveWindowSampler",
+    "Clip",
+    "Clips",
     "TPPWindows",
     "TactileRepresentation",
     "Timeline",
@@ -28,6 +31,8 @@ __all__ = [
 
 _HOME = {
     "ActiveWindowSampler": "active_sampler",
+    "Clip": "clips",
+    "Clips": "clips",
     "TPPWindows": "tpp",
     "TactileRepresentation": "representation",
     "Timeline": "timeline",
