@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from exumi_loaders.active_sampler import ActiveWindowSampler
     from exumi_loaders.clips import Clip, Clips
     from exumi_loaders.contrastive import BatchOrder, ContrastiveBatches
-    from exumi_loaders.info_nce import InfoNCE, info_nce
+    from exumi_loaders.contrastive_loss import InfoNCE, info_nce
     from exumi_loaders.instructions import InstructionSamples
     from exumi_loaders.properties import PropertyWindows
     from exumi_loaders.representation import TactileRepresentation
@@ -47,7 +47,7 @@ _HOME = {
     "Clip": "clips",
     "Clips": "clips",
     "ContrastiveBatches": "contrastive",
-    "InfoNCE": "info_nce",
+    "InfoNCE": "contrastive_loss",
     "InstructionSamples": "instructions",
     "PropertyWindows": "properties",
     "TPPWindows": "tpp",
@@ -58,7 +58,7 @@ _HOME = {
     "WindowIndex": "sampler",
     "WindowSampler": "sampler",
     "build_timeline": "timeline",
-    "info_nce": "info_nce",
+    "info_nce": "contrastive_loss",
 }
 
 

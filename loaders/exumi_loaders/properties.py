@@ -130,7 +130,7 @@ class PropertyWindows(Dataset[Item]):
 
     def __repr__(self) -> str:
         counts = ", ".join(
-            f"{name} of {count}"
+            f"{count} of {name}"
             for name, count in zip(self.properties, self.rating_valid.sum(axis=0), strict=True)
         )
         return f"<PropertyWindows: {len(self)} clips ({counts}); {self.left_out} left out>"
