@@ -6,8 +6,8 @@
 
 Every batch of many epochs is checked, without decoding. Then whole epochs are read, in turn with a
 loop that does nothing but decode the same JPEGs into one buffer; both on one core.
-With `--native`, a dataset of videos: how many of the salient frames are key frames of the video codec,
-where frames jump though nothing moves, and how many are active.
+With `--native`, a dataset of videos: how many of the salient frames are key frames of the video
+codec, where frames jump though nothing moves, and how many are active.
 """
 
 import argparse

@@ -60,19 +60,14 @@ def split_dataset(
 def _refuse_leaks(dataset: "Dataset", name: str, by: SplitLevel) -> None:
     known = dict(zip(dataset.ids, _things(dataset, by), strict=True))
     lists_of: dict[str, set[str]] = {}
+    nameless: list[str] = []
     for listed, ids in dataset.splits[name].lists.items():
         for episode_id in ids:
-            if episode_id not in known:
-                continue
-            thing = known[episode_id]
-            if thing is None:
-                raise UsageError(
-                    f"episode {episode_id} of split {name!r} has no {_COLUMNS[by]}: whether it is "
-                    "unseen is not known",
-                    where=dataset.path,
-                    fix="Split by part or episode, or select the episodes that have one.",
-                )
-            lists_of.setdefault(thing, set()).add(listed)
+            thing = known.get(episode_id)
+            if thing is not None:
+                lists_of.setdefault(thing, set()).add(listed)
+            elif episode_id in known:
+                nameless.append(episode_id)
     leaking = sorted(thing for thing, lists in lists_of.items() if len(lists) > 1)
     if leaking:
         first = leaking[0]
@@ -81,6 +76,13 @@ def _refuse_leaks(dataset: "Dataset", name: str, by: SplitLevel) -> None:
             f"{first!r} in {', '.join(sorted(lists_of[first]))}",
             where=dataset.path,
             fix=f"Take a split made on the fly: split='train', split_by={by!r}.",
+        )
+    if nameless:
+        raise UsageError(
+            f"{len(nameless)} episode(s) of split {name!r} have no {_COLUMNS[by]}, the first is "
+            f"{nameless[0]}: whether they are unseen is not known",
+            where=dataset.path,
+            fix="Split by part or episode, or select the episodes that have one.",
         )
 
 

@@ -1,6 +1,6 @@
 """Contrastive batches of touch clips (Octopi-1.5)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
@@ -126,7 +126,7 @@ class ContrastiveBatches(Dataset[Item]):
         parts: int = 32,
         min_parts: int = 2,
         frames: int = 10,
-        stream: str | list[str] | None = None,
+        stream: str | Sequence[str] | None = None,
         split: str | None = None,
         split_by: SplitLevel = "part",
         split_ratio: tuple[int, int] = (15, 1),

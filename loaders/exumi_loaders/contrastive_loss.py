@@ -69,5 +69,11 @@ class InfoNCE(nn.Module):
         return torch.exp(-self.log_scale).clamp(min=_LEAST_TEMPERATURE)
 
     def forward(self, embeddings: Tensor, parts: Tensor) -> Tensor:
-        """Compute the loss; see `info_nce`."""
+        """Compute the loss; see `info_nce`.
+
+        Parameters
+        ----------
+        embeddings : (P, 2, D) float
+        parts : (P,) int
+        """
         return info_nce(embeddings, parts, self.temperature)

@@ -70,7 +70,7 @@ def test_what_is_not_known_is_not_taken_for_unseen(make_touches: Any, touch: Any
     dataset = make_touches(touch("lid", "box"), touch("cap"), touch("leg", "chair"))
     stored = with_split(dataset, {"train": [0, 1], "test": [2]})
     assert len(split_dataset(stored, "given/train")) == 2
-    with pytest.raises(UsageError, match="has no object_id"):
+    with pytest.raises(UsageError, match=r"1 episode\(s\) of split 'given' have no object_id"):
         split_dataset(stored, "given/train", by="object")
 
 
