@@ -10,31 +10,55 @@ from exumi_data.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from exumi_loaders.active_sampler import ActiveWindowSampler
+    from exumi_loaders.clips import Clip, Clips
+    from exumi_loaders.contrastive import BatchOrder, ContrastiveBatches
+    from exumi_loaders.contrastive_loss import InfoNCE, info_nce
+    from exumi_loaders.instructions import InstructionSamples
+    from exumi_loaders.properties import PropertyWindows
     from exumi_loaders.representation import TactileRepresentation
     from exumi_loaders.sampler import WindowIndex, WindowSampler
     from exumi_loaders.timeline import Timeline, TimelineSettings, build_timeline
     from exumi_loaders.tpp import TPPWindows
+    from exumi_loaders.two_views import TwoViews
 
 __all__ = [
     "ActiveWindowSampler",
+    "BatchOrder",
+    "Clip",
+    "Clips",
+    "ContrastiveBatches",
+    "InfoNCE",
+    "InstructionSamples",
+    "PropertyWindows",
     "TPPWindows",
     "TactileRepresentation",
     "Timeline",
     "TimelineSettings",
+    "TwoViews",
     "WindowIndex",
     "WindowSampler",
     "build_timeline",
+    "info_nce",
 ]
 
 _HOME = {
     "ActiveWindowSampler": "active_sampler",
+    "BatchOrder": "contrastive",
+    "Clip": "clips",
+    "Clips": "clips",
+    "ContrastiveBatches": "contrastive",
+    "InfoNCE": "contrastive_loss",
+    "InstructionSamples": "instructions",
+    "PropertyWindows": "properties",
     "TPPWindows": "tpp",
     "TactileRepresentation": "representation",
     "Timeline": "timeline",
     "TimelineSettings": "timeline",
+    "TwoViews": "two_views",
     "WindowIndex": "sampler",
     "WindowSampler": "sampler",
     "build_timeline": "timeline",
+    "info_nce": "contrastive_loss",
 }
 
 

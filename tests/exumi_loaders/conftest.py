@@ -20,6 +20,8 @@ from exumi_data.model import (
     EncodedImages,
     EpisodeMetadata,
     Frames,
+    Label,
+    Sensor,
     Source,
     Task,
 )
@@ -148,3 +150,105 @@ def make_dataset(tmp_path: Path) -> MakeDataset:
 @pytest.fixture
 def recipe() -> type[Recipe]:
     return Recipe
+
+
+@dataclass
+class Touch:
+    """A touch clip of a test dataset: frames of one brightness each."""
+
+    part: str | None = None
+    object: str | None = None
+    brightness: Sequence[int] = (0, 3, 6, 9)
+    labels: Sequence[Label] = ()
+    sensor: str | None = "gelsight-mini"
+    pad: Any = "plain"
+    trial: int | None = None
+    procedure: str | None = None
+    stored: int | None = None
+    salient: Sequence[int] | None = None
+    streams: Sequence[str] = ("tactile",)
+    side: int = SIDE
+    channels: int = 1
+    words: tuple[str | None, str | None] = (None, None)
+
+
+def rated(**ratings: float) -> list[Label]:
+    """Labels that persons gave, from 0 to 10."""
+    return [
+        Label(property=name, value=float(value), scale=[0.0, 10.0], provenance="human")
+        for name, value in ratings.items()
+    ]
+
+
+def write_touch(root: Path, number: int, touch: Touch) -> str:
+    episode_id = str(uuid.uuid5(uuid.NAMESPACE_OID, str(number)))
+    metadata = EpisodeMetadata(
+        id=episode_id,
+        task=Task(name="touch"),
+        regime="touch",
+        licence="CC0-1.0",
+        source=Source(type="simulated", tool="tests", tool_version="1"),
+        annotations=Annotations(
+            part_id=touch.part,
+            object_id=touch.object,
+            object=touch.words[0],
+            part=touch.words[1],
+            trial=touch.trial,
+            procedure=touch.procedure,
+            pad_type=touch.pad,
+            labels=list(touch.labels) or None,
+        ),
+    )
+    size: Any = {"height": touch.side, "width": touch.side, "channels": touch.channels}
+    with exumi_data.EpisodeWriter(
+        root / episode_path(episode_id), metadata, overwrite=True, durable=False
+    ) as writer:
+        for name in touch.streams:
+            stream = writer.add_stream(
+                name,
+                kind="tactile",
+                clock=CLOCK,
+                images=ArrayImages(encoding="array", **size),
+                sensor=None if touch.sensor is None else Sensor(model=touch.sensor),
+            )
+            shape = (touch.side, touch.side, touch.channels)
+            frames = [np.full(shape, value, np.uint8) for value in touch.brightness]
+            values = np.asarray(frames, np.uint8).reshape(-1, *shape)
+            stream.append(np.arange(len(frames)) * 40_000_000, values)
+            stream.set_reference(np.full(shape, 7, np.uint8), method="captured")
+            if touch.stored is not None:
+                last = range(max(len(frames) - touch.stored, 0), len(frames))
+                writer.add_derived(
+                    name,
+                    "salient",
+                    np.asarray(touch.salient or last, np.int64),
+                    algorithm="octopi-salience/1",
+                    parameters={"k": touch.stored},
+                )
+    return episode_id
+
+
+@pytest.fixture
+def make_touches(tmp_path: Path) -> MakeDataset:
+    def make(*touches: Touch, name: str = "touches") -> exumi_data.Dataset:
+        root = tmp_path / name
+        create_dataset(root, DatasetMetadata(name="test", licence="CC0-1.0"))
+        ids = [write_touch(root, number, touch) for number, touch in enumerate(touches)]
+        table, failed = build_catalog(root)
+        assert not failed
+        write_catalog(root, table)
+        opened = exumi_data.open(root)
+        assert isinstance(opened, exumi_data.Dataset)
+        return opened.select(ids)
+
+    return make
+
+
+@pytest.fixture
+def touch() -> type[Touch]:
+    return Touch
+
+
+@pytest.fixture(name="rated")
+def rated_labels() -> Callable[..., list[Label]]:
+    return rated
