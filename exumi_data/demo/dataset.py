@@ -53,7 +53,7 @@ from exumi_data.tactile import (
 )
 
 if TYPE_CHECKING:
-    from exumi_data.simulation import Grasp, PlaySession, SimulatedStream
+    from exumi_data.simulation import Grasp, PlaySession, SimulatedStream, WidthEncoder
 
 __all__ = ["DATASET_NAME", "DemoSettings", "episode_id", "make_session", "write_play_dataset"]
 
@@ -62,6 +62,8 @@ LICENCE = "CC0-1.0"
 
 _TOOL = "exumi demo"
 _SALIENT = 10
+# Wider than the simulated gripper opens, and below what an uncertain zero makes of closed.
+_MAPPED_M = (-0.002, 0.1)
 # Ids of simulated episodes: UUIDv5 in this namespace.
 _NAMESPACE = uuid.UUID("5d0f7c9e-3b0e-5a57-9c8f-2f1f8e0f6f0a")
 
@@ -244,6 +246,7 @@ def _calibration(session: "PlaySession") -> dict[str, CalibrationItem]:
                 "zero_count": encoder.zero_count,
                 "counts_per_m": encoder.counts_per_m,
                 "bits": encoder.bits,
+                "raw_to_data": _encoder_map(encoder),
             },
             method=known,
         ),
@@ -253,6 +256,15 @@ def _calibration(session: "PlaySession") -> dict[str, CalibrationItem]:
         "T_gripper_rgb": CalibrationItem(
             value=session.gripper_camera.tolist(), unit="m", method=known
         ),
+    }
+
+
+def _encoder_map(encoder: "WidthEncoder") -> dict[str, list[float]]:
+    """Return two points of the line from counts to widths; counts go on over the wrap."""
+    counts = [round(width_m * encoder.counts_per_m) for width_m in _MAPPED_M]
+    return {
+        "raw": [encoder.zero_count + count for count in counts],
+        "data": [count / encoder.counts_per_m for count in counts],
     }
 
 

@@ -65,20 +65,22 @@ class ReferenceChoice:
         return self.method == "selected"
 
 
-def thumbnail(grey: UInt8Array) -> UInt8Array:
+def thumbnail(grey: UInt8Array, pixels: int = _THUMBNAIL_PIXELS) -> UInt8Array:
     """Shrink a frame to what `choose_reference` needs, so that a clip need not stay in memory.
 
     Parameters
     ----------
     grey
         (H, W) uint8.
+    pixels
+        How many the result has, about; at least 1.
 
     Returns
     -------
     (h, w) uint8
         Means over squares of n x n pixels, to a grey level or so, n an integer such that h * w
-        is about 4800 (240 x 320 gives 60 x 80); the last H mod n rows and W mod n columns are
-        left out.
+        is about `pixels` (by default 240 x 320 gives 60 x 80); the last H mod n rows and W mod n
+        columns are left out.
 
     Raises
     ------
@@ -89,7 +91,7 @@ def thumbnail(grey: UInt8Array) -> UInt8Array:
 
     if grey.dtype != np.uint8 or grey.ndim != 2 or grey.size == 0:
         raise ValueError(f"a grey frame must be (H, W) uint8, not {grey.shape} {grey.dtype}")
-    n = max(1, min(math.isqrt(grey.size // _THUMBNAIL_PIXELS), *grey.shape))
+    n = max(1, min(math.isqrt(grey.size // pixels), *grey.shape))
     height, width = grey.shape[0] // n, grey.shape[1] // n
     image = np.ascontiguousarray(grey[: height * n, : width * n])
     # OpenCV halves four times as fast as it divides by any other number.

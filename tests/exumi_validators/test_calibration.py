@@ -1,5 +1,6 @@
 """Calibrations: named, of the time of the recording, and known somehow."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 
 from exumi_data.model import CalibrationItem, RawData
 from exumi_data.store.episode_writer import EpisodeWriter
-from exumi_validators import validate
+from exumi_validators import Report, validate
+from exumi_validators.raw_to_data import RawToData, read_map
 from tests.exumi_data.builders import CLOCK, edit_metadata, metadata
 
 START = "2026-05-04T10:20:30.123456789Z"
@@ -84,3 +86,146 @@ def test_how_a_calibration_is_known(
     tmp_path: Path, item: CalibrationItem, found: list[str]
 ) -> None:
     assert codes(write(tmp_path / "e.zarr", item)) == found
+
+
+# ------------------------------------------------------------------------------------- the map
+
+# A gripper whose linkage is not linear, with a 12-bit encoder that wraps at 0.109 m.
+COUNTS = [3440, 3500, 3560, 3620, 3680, 3750, 3820, 3890, 3960, 4030, 4110]
+WIDTHS = [round(0.01 * (1 + i), 2) for i in range(11)]
+MAP = {"raw": COUNTS, "data": WIDTHS}
+EVERYWHERE = np.arange(3440, 4111)
+
+
+def travel(
+    path: Path,
+    change: Callable[[np.ndarray], np.ndarray],
+    *,
+    counts: np.ndarray = EVERYWHERE,
+    modulus: int | None = 4096,
+    stated: object = MAP,
+    flags: np.ndarray | None = None,
+) -> Report:
+    """Judge an episode of a gripper that opens, whose widths are not what the counts say."""
+    true = np.interp(counts, COUNTS, WIDTHS)
+    item = CalibrationItem(value={"raw_to_data": stated}, method="by gauge blocks")
+    values = metadata(start=START, calibration={"encoder": item})
+    with EpisodeWriter(path, values, durable=False) as writer:
+        raw = RawData(unit="count", transform="encoder", modulus=modulus)
+        width = writer.add_stream("width", kind="width", clock=CLOCK, raw=raw)
+        rows = {} if flags is None else {"flags": flags}
+        wrapped = counts if modulus is None else counts % modulus
+        time = np.arange(len(counts)) * 10_000_000
+        width.append(time, change(true), raw=wrapped.astype(np.uint16), **rows)
+    report: Report = validate(path, levels=("document", "arrays"))
+    assert report.coverage.unchecked == ()
+    return report
+
+
+def map_codes(report: Report) -> list[str]:
+    return [code for code in report.codes() if code in ("CAL-005", "CAL-006")]
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda true: true, []),
+        (lambda true: true.round(3), []),
+        (lambda true: true + 0.00099, []),  # the map spans 0.1 m
+        (lambda true: true + 0.00101, ["CAL-006"]),
+        (lambda true: 1.008 * true, []),
+        (lambda true: 1.012 * true, ["CAL-006"]),
+        (lambda true: 2 * true, ["CAL-006"]),
+        (lambda true: true / 10, ["CAL-006"]),
+        (lambda true: np.full_like(true, np.nan), []),
+    ],
+)
+@pytest.mark.parametrize("modulus", [4096, None])
+def test_widths_follow_from_counts(
+    tmp_path: Path,
+    change: Callable[[np.ndarray], np.ndarray],
+    expected: list[str],
+    modulus: int | None,
+) -> None:
+    assert map_codes(travel(tmp_path / "e.zarr", change, modulus=modulus)) == expected
+
+
+def test_what_is_said_of_a_width_that_is_off(tmp_path: Path) -> None:
+    def once(true: np.ndarray) -> np.ndarray:
+        return np.where(np.arange(len(true)) >= 600, true - 0.1, true)
+
+    (problem,) = [
+        problem
+        for problem in travel(tmp_path / "e.zarr", once).problems
+        if problem.code == "CAL-006"
+    ]
+    assert problem.location.index == 600
+    assert problem.message == (
+        "`data` is 0.00125 at sample 600, the calibration gives 0.1013 for its raw value "
+        "(71 of 671 samples)"
+    )
+
+
+def test_samples_that_the_device_called_invalid_need_not_follow(tmp_path: Path) -> None:
+    flags = np.zeros(len(EVERYWHERE), np.uint32)
+    flags[5:9], flags[100] = 8, 16
+
+    def spoil(true: np.ndarray) -> np.ndarray:
+        return np.where(flags > 0, 0.05, true)
+
+    assert map_codes(travel(tmp_path / "e.zarr", spoil, flags=flags)) == []
+    assert map_codes(travel(tmp_path / "f.zarr", spoil)) == ["CAL-006"]
+
+
+def test_beyond_its_ends_a_map_says_nothing(tmp_path: Path) -> None:
+    beyond = np.arange(3300, 3440)
+    report = travel(tmp_path / "e.zarr", lambda true: true - 0.005, counts=beyond)
+    assert map_codes(report) == []
+    reasons = [item.reason for item in report.coverage.skipped if item.code == "CAL-006"]
+    assert reasons == ["no raw value lies on the calibration's map"]
+
+
+@pytest.mark.parametrize(
+    ("stated", "detail"),
+    [
+        (5, "is not an object"),
+        ({"raw": [1, 2]}, "has no `data`, a list of finite numbers"),
+        ({"raw": [1, "2"], "data": [1, 2]}, "has no `raw`, a list of finite numbers"),
+        ({"raw": [True, 2], "data": [1, 2]}, "has no `raw`, a list of finite numbers"),
+        ({"raw": [1, 10**400], "data": [1, 2]}, "has no `raw`, a list of finite numbers"),
+        ({"raw": [1], "data": [1]}, "has 1 numbers in `raw` and 1 in `data`"),
+        ({"raw": [1, 2, 3], "data": [1, 2]}, "has 3 numbers in `raw` and 2 in `data`"),
+        ({"raw": [1, 1], "data": [1, 2]}, "has a `raw` that does not ascend"),
+    ],
+)
+def test_a_map_that_is_none(tmp_path: Path, stated: object, detail: str) -> None:
+    report = travel(tmp_path / "e.zarr", lambda true: true, stated=stated)
+    assert map_codes(report) == ["CAL-005"]
+    (problem,) = [problem for problem in report.problems if problem.code == "CAL-005"]
+    assert problem.location.pointer == "/attributes/exumi/calibration/encoder/value/raw_to_data"
+    assert problem.message.endswith(detail)
+
+
+def test_a_calibration_without_a_map_is_not_checked(tmp_path: Path) -> None:
+    report = travel(tmp_path / "e.zarr", lambda true: 2 * true, stated=None)
+    assert map_codes(report) == []
+    assert "CAL-006" in {item.code for item in report.coverage.skipped}
+
+
+@pytest.mark.parametrize(
+    ("modulus", "count", "meant"),
+    [
+        (None, 5, np.nan),
+        (None, 75, 0.25),
+        (100, 5, 0.55),  # 105
+        (100, 49, 0.99),  # 149
+        (100, 50, 0.0),  # 50 and 150 are as near to 100: the lower one
+        (1000, 75, 0.25),
+    ],
+)
+def test_a_count_stands_for_the_number_nearest_to_the_middle(
+    modulus: int | None, count: int, meant: float
+) -> None:
+    stated = read_map({"raw_to_data": {"raw": [50, 150], "data": [0.0, 1.0]}})
+    assert isinstance(stated, RawToData)
+    np.testing.assert_allclose(stated.at(np.array([count]), modulus), [meant])

@@ -212,6 +212,18 @@ def test_what_is_said(write: Write) -> None:
     assert (jump.code, jump.message) == ("POSE-004", f"{message} (places: 1)")
 
 
+@pytest.mark.parametrize("still", [0, 19, 21])
+def test_another_unit_is_called_so(write: Write, still: int) -> None:
+    """Millimetres: more than half of the steps are too long, if the hand does not rest as often."""
+    time, poses = line(count=41)
+    poses[:, 0] *= 1000
+    poses[: still + 1, 0] = 0.0
+    (problem,) = found(write(time, poses))
+    assert problem.code == "POSE-003"
+    shown = f"({40 - still} of 40 steps, as in another unit than metres)"
+    assert problem.message.endswith(shown if still < 20 else "(places: 1)")
+
+
 def test_places_are_counted(write: Write) -> None:
     time, poses = line(count=100)
     for index in (20, 40, 60):

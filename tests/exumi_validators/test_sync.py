@@ -10,8 +10,7 @@ import pytest
 from exumi_data.model import ArrayImages, Clock, Embodiment, Frames
 from exumi_data.store.access import FolderStore
 from exumi_data.store.episode_writer import EpisodeWriter
-from exumi_validators import Report, context, validate
-from exumi_validators.checks import sync
+from exumi_validators import Report, context, curves, validate
 from exumi_validators.context import EpisodeContext
 from exumi_validators.listing import list_folder
 from tests.exumi_data.builders import CLOCK, metadata
@@ -35,12 +34,14 @@ def tactile(
     values: np.ndarray | None = None,
     clock: Clock = CLOCK,
     stored: bool = True,
+    seconds: float = SECONDS,
+    times: Callable[[np.ndarray], np.ndarray] = np.copy,
     **beside: Any,
 ) -> Add:
-    """Add a tactile stream that is late."""
+    """Add a tactile stream that is late, or has times of its own."""
 
     def add(writer: EpisodeWriter) -> None:
-        time_s = frame_times(SECONDS)
+        time_s = frame_times(seconds)
         rate = "30" if clock.stamp_point == "nominal_rate" else None
         if rate:
             time_s = np.arange(len(time_s)) / 30
@@ -48,7 +49,7 @@ def tactile(
         shape = (len(time_s), 4, 4, 1)
         frames = np.random.default_rng(0).integers(0, 9, shape, dtype=np.uint8)
         extra = {key: value(time_s) for key, value in beside.items()}
-        out.append(as_ns(time_s + late_s), frames, **extra)
+        out.append(as_ns(times(time_s) + late_s), frames, **extra)
         out.set_reference(frames[0], method="captured")
         shown = activity(time_s) if values is None else values[: len(time_s)]
         if stored:
@@ -277,12 +278,119 @@ def test_touch_that_is_out_of_step_judges_no_pose(judged: Callable[..., Report])
 def test_as_many_samples_are_taken_however_they_are_read(
     good: Path, monkeypatch: pytest.MonkeyPatch, block_bytes: int
 ) -> None:
-    monkeypatch.setattr(sync, "_MOST_SAMPLES", 3)
+    monkeypatch.setattr(curves, "_MOST_SAMPLES", 3)
     monkeypatch.setattr(context, "_BLOCK_BYTES", block_bytes)
     store = FolderStore(good)
-    curve = sync._curve(
+    curve = curves.curve_of(
         EpisodeContext(store, list_folder(str(good))), "width", "streams/width/data"
     )
     store.close()
     assert not isinstance(curve, str)
     assert len(curve.time_ns) == len(curve.values) == 3
+
+
+# ------------------------------------------------------------------------------- which one is late
+
+LONG_S = 16.0
+
+
+def played(
+    *, touch_s: float = 0.0, width_s: float = 0.0, pose_s: float = 0.0, fingers: int = 1
+) -> list[Add]:
+    """Two grasps by a still hand, then two taps by a still gripper; each stream late by so much."""
+    grasping, half = np.arange(0, LONG_S, 0.01), LONG_S / 2
+
+    def add_width(writer: EpisodeWriter) -> None:
+        opening = np.where(grasping < half, width_m(grasping), width_m(np.zeros(1))[0])
+        writer.add_stream("width", kind="width", clock=CLOCK).append(
+            as_ns(grasping + width_s), opening
+        )
+
+    def add_pose(writer: EpisodeWriter) -> None:
+        time_s = np.arange(0, LONG_S, 1 / 90)
+        data = np.zeros((len(time_s), 7))
+        data[:, 1] = np.where(time_s < half, width_m(np.zeros(1))[0], width_m(time_s))
+        data[:, 6] = 1.0
+        frames = Frames(parent="world", child="tcp")
+        writer.add_stream("pose", kind="pose", clock=CLOCK, frames=frames).append(
+            as_ns(time_s + pose_s), data
+        )
+
+    names = ["tactile_left", "tactile_right"][:fingers]
+    return [add_width, add_pose, *(tactile(n, touch_s, seconds=LONG_S) for n in names)]
+
+
+@pytest.mark.parametrize(
+    ("late", "expected"),
+    [
+        ({}, []),
+        ({"width_s": 0.08}, [("SYNC-001", "width")]),
+        ({"width_s": -0.08, "fingers": 2}, [("SYNC-001", "width")]),
+        ({"width_s": 0.03}, [("SYNC-002", "width")]),
+        # Touch and pose against each other are out of step too: it is touch.
+        ({"touch_s": 0.08}, [("SYNC-001", "tactile_left")]),
+        ({"touch_s": 0.08, "width_s": 0.08}, [("SYNC-001", "pose")]),
+        ({"pose_s": 0.08}, [("SYNC-001", "pose")]),
+        # Nothing agrees with anything.
+        ({"width_s": 0.08, "pose_s": -0.08}, [("SYNC-001", "tactile_left")]),
+        # The pose is in step with touch, and hardly out of step with the width.
+        ({"width_s": 0.012}, [("SYNC-002", "tactile_left")]),
+    ],
+)
+def test_two_against_one(
+    judged: Callable[..., Report], late: dict[str, Any], expected: list[tuple[str, str]]
+) -> None:
+    report = judged(*played(**late))
+    assert found(report) == [(code, clock_of(name)) for code, name in expected]
+
+
+def test_who_agrees_is_named(judged: Callable[..., Report]) -> None:
+    (problem,) = judged(*played(width_s=0.2, fingers=2)).problems
+    assert problem.message.startswith("by 2 grasps, width is 20")
+    assert "ms late relative to tactile_left, tactile_right and pose, beyond" in problem.message
+
+
+def test_one_finger_that_agrees_with_the_width_clears_it(judged: Callable[..., Report]) -> None:
+    streams = played(fingers=2)
+    streams[-1] = tactile("tactile_right", 0.08, seconds=LONG_S)
+    assert found(judged(*streams)) == [("SYNC-001", clock_of("tactile_right"))]
+
+
+# ------------------------------------------------------------------------------- clocks that step
+
+
+def stepping(by_s: float, *, host: bool, at_s: float = 4.0) -> Add:
+    """Add a tactile stream whose clock is set in the middle of the episode."""
+
+    def set_clock(time_s: np.ndarray) -> np.ndarray:
+        return np.where(time_s >= at_s, time_s + by_s, time_s)
+
+    beside: dict[str, Any] = {"time_host": as_ns} if host else {}
+    return tactile(times=set_clock, **beside)
+
+
+@pytest.mark.parametrize(
+    ("stream", "expected"),
+    [
+        (stepping(0.2, host=False), ["TIME-006"]),
+        (stepping(0.2, host=True), ["CLOCK-005", "TIME-006"]),
+        # Before the first event: it cannot be told from a latency.
+        (stepping(0.2, host=False, at_s=0.3), ["SYNC-001", "TIME-006"]),
+    ],
+)
+def test_a_clock_that_steps_has_no_latency(
+    judged: Callable[..., Report], stream: Add, expected: list[str]
+) -> None:
+    report = judged(width(), stream)
+    assert sorted({problem.code for problem in report.problems}) == expected
+    stepped = ("its clock steps", "streams/tactile")
+    assert (stepped in skipped(report)) == ("SYNC" not in "".join(expected))
+
+
+def test_a_gap_without_a_step_hides_no_latency(judged: Callable[..., Report]) -> None:
+    def lose(time_s: np.ndarray) -> np.ndarray:
+        return np.where(time_s >= 4.0, time_s + 0.2, time_s)
+
+    values = activity(lose(frame_times(SECONDS)))
+    report = judged(width(), tactile(late_s=0.1, values=values, times=lose))
+    assert sorted({problem.code for problem in report.problems}) == ["SYNC-001", "TIME-006"]

@@ -12,8 +12,10 @@ import pytest
 from exumi_data.catalog import build_catalog, episode_path, write_catalog
 from exumi_data.dataset import create_dataset
 from exumi_data.model import ArrayImages, DatasetMetadata, EncodedImages, Sensor, VideoImages
+from exumi_data.simulation import simulate_play
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_data.tactile import ACTIVE_THRESHOLD, ActivityMeter, to_grey
 from exumi_validators import Report, validate
 from exumi_validators.checks.dataset import same_gel
 from exumi_validators.dataset_context import DatasetContext
@@ -26,7 +28,15 @@ from tests.exumi_data.builders import CLOCK, clip, edit_metadata, episode_id, me
 
 SIDE = 48
 FRAMES = 40
-LIMITS = GlanceLimits(dark_level=10, saturated_level=250, saturated_share=0.1, pixels=600)
+LIMITS = GlanceLimits(
+    dark_level=10,
+    saturated_level=250,
+    saturated_share=0.1,
+    pixels=600,
+    thumbnail_pixels=4800,
+    jump_rows=16,
+    jump_apart_px=2,
+)
 
 
 def gel(seed: int = 0, side: int = SIDE) -> np.ndarray:
@@ -53,6 +63,7 @@ def write(
     flags: np.ndarray | None = None,
     regime: str = "touch",
     number: int = 0,
+    step_ns: int = 40_000_000,
     **fields: Any,
 ) -> Report:
     """Write an episode of one tactile stream and validate it."""
@@ -62,7 +73,7 @@ def write(
     if encoding == "encoded":
         images = EncodedImages(encoding="encoded", media_type="image/jpeg", **size)
         samples = [jpeg.encode(frame, 95) for frame in frames]
-    time = np.arange(len(frames), dtype=np.int64) * 40_000_000
+    time = np.arange(len(frames), dtype=np.int64) * step_ns
     with EpisodeWriter(path, metadata(number, regime=regime), durable=False) as writer:
         stream = writer.add_stream("tactile", kind="tactile", clock=CLOCK, images=images, **fields)
         stream.append(time, samples, **({} if flags is None else {"flags": flags}))
@@ -111,6 +122,48 @@ def test_activity_is_judged_by_the_regime(
     activity = np.where(np.arange(FRAMES) < active, 0.01, 0.001)  # 0.001 is not above 0.001
     report = write(tmp_path / "e.zarr", recorded(gel()), gel(), activity=activity, regime=regime)
     assert touch_codes(report) == expected
+
+
+@pytest.mark.parametrize(
+    ("regime", "active", "seconds", "expected"),
+    [
+        ("play", 99, 19.99, []),
+        ("play", 99, 20, ["TACT-013"]),
+        ("play", 98, 20, []),
+        ("play", 100, 300, ["TACT-013"]),
+        ("touch", 100, 20, []),
+        ("demonstration", 100, 20, ["TACT-005"]),
+    ],
+)
+def test_play_lets_go_now_and_then(
+    tmp_path: Path, regime: str, active: int, seconds: float, expected: list[str]
+) -> None:
+    report = write(
+        tmp_path / "e.zarr",
+        recorded(gel(), 100),
+        gel(),
+        activity=np.where(np.arange(100) < active, 0.2, 0.0),
+        regime=regime,
+        step_ns=round(seconds * 1e9 / 99 + 0.5),
+    )
+    assert touch_codes(report) == expected
+    assert ("TACT-013" in skipped(report)) == (regime == "play" and seconds < 20)
+
+
+def test_the_references_of_swapped_fingers_leave_no_quiet_frame() -> None:
+    """What the limit of 99 % rests on, by a simulated session of play."""
+    session = simulate_play(seed=3, duration_s=10.0)
+    left, right = (session.streams[f"tactile_{side}"] for side in ("left", "right"))
+    assert left.reference is not None
+    assert right.reference is not None
+    frames = [to_grey(left.render(i)) for i in range(0, len(left.capture_time_ns), 10)]
+    shares = []
+    for reference, mirrored in ((left.reference, 1), (right.reference, 1), (left.reference, -1)):
+        meter = ActivityMeter(reference)
+        measured = [meter.measure(np.ascontiguousarray(grey[:, ::mirrored])) for grey in frames]
+        shares.append(np.mean(np.array(measured) > ACTIVE_THRESHOLD))
+    assert shares[0] < 0.9
+    assert shares[1:] == [1.0, 1.0]
 
 
 @pytest.mark.parametrize("count", [29, 30])
@@ -293,7 +346,7 @@ def test_references_that_look_alike_tell_nothing(fingers: Path) -> None:
 def facts(path: str, level: int, *, start: str | None = None, serial: str = "7") -> EpisodeFacts:
     image = np.full((48, 64), level, np.uint8)
     reference = ReferenceFacts(
-        stream="tactile", model="gelsight-mini", serial=serial, coarse=coarse(image)
+        stream="tactile", model="gelsight-mini", serial=serial, coarse=coarse(image, 16, 12)
     )
     return EpisodeFacts(id=path, start=start, references=(reference,))
 
@@ -465,7 +518,7 @@ def test_jumps_are_counted_by_channel() -> None:
     frame = np.zeros((16, 20, 3), np.uint8)
     frame[:, 10:, 1] = 250  # two pairs a row reach over the edge
     frame[:, 10:, 2] = 100
-    found = Jumps()
+    found = Jumps(rows=16, apart_px=2)
     found.add(frame)
     assert (found.pairs, found.jumps.tolist(), found.steps.tolist()) == (
         288,

@@ -10,10 +10,12 @@ import pytest
 
 from exumi_data.episode import open_episode
 from exumi_data.model import Clock, Frames
+from exumi_data.standard import rules
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.shards import ArrayWriter
 from exumi_validators import context, validate
-from exumi_validators.windows import CARRIED_SAMPLES, WINDOW_SAMPLES, windows
+from exumi_validators.config import read_config
+from exumi_validators.windows import windows
 from tests.exumi_data.builders import metadata
 
 HOST = Clock(source="host", stamp_point="user_rx")
@@ -25,6 +27,10 @@ class Blocks:
 
     def __init__(self, *lengths: int) -> None:
         self.lengths = lengths
+
+    def limit(self, code: str, name: str) -> float:
+        assert (code, name) == ("TIME-005", "window_samples")
+        return 10.0
 
     def blocks(self, *paths: str) -> Any:
         start = 0
@@ -38,7 +44,7 @@ class Blocks:
     "lengths", [(), (1,), (9,), (10,), (11,), (3, 3, 3), (5, 5), (7, 26), (40,), (1,) * 33]
 )
 def test_windows_are_cut_at_the_same_samples(lengths: tuple[int, ...]) -> None:
-    found = list(windows(Blocks(*lengths), "a", "b", samples=10))  # type: ignore[arg-type]  # only its blocks are asked for
+    found = list(windows(Blocks(*lengths), "a", "b"))  # type: ignore[arg-type]  # only its blocks and one limit are asked for
     total = sum(lengths)
     assert [start for start, _ in found] == list(range(0, total, 10))
     for start, (first, second) in found:
@@ -49,8 +55,20 @@ def test_windows_are_cut_at_the_same_samples(lengths: tuple[int, ...]) -> None:
 def test_the_text_has_their_lengths() -> None:
     page = Path(__file__).parents[2] / "spec" / "1.0" / "quality.md"
     text = " ".join(page.read_text("utf-8").split())
-    assert f"windows** of {WINDOW_SAMPLES:,} samples".replace(",", " ") in text
-    assert f"up to {CARRIED_SAMPLES} samples before it" in text
+    limits = rules()["TIME-005"].limits
+    assert f"windows** of {limits['window_samples']:,} samples".replace(",", " ") in text
+    assert f"up to {limits['carried_samples']} samples before it" in text
+
+
+def test_windows_can_be_of_another_length(defective: Path, tmp_path: Path) -> None:
+    """With one long window the halved rate and the steady one make no window of their own."""
+    config = tmp_path / "exumi.toml"
+    config.write_text('[validate.rules]\n"TIME-005" = {limits = {window_samples = 100000}}\n')
+    usual, told = (
+        [(p.code, p.message) for p in validate(defective, levels=["arrays"], config=c).problems]
+        for c in (None, read_config(config))
+    )
+    assert usual != told
 
 
 def rechunked(path: Path, chunk_rows: int) -> Path:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from exumi_data.standard import rules
 from exumi_data.synchronisation import events, taps, touches
-from exumi_validators import episode_run, touch_measures, touch_pass
-from exumi_validators.checks import sync
+from exumi_validators import curves, episode_run
 
 
 def power_of_two(value: int) -> str:
@@ -15,11 +15,13 @@ def power_of_two(value: int) -> str:
     return "2" + str(value.bit_length() - 1).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
+TOUCH = {code: rule.limits for code, rule in rules().items() if rule.group == "TACT"}
+WORDS: dict[float, str] = {2: "two", 4: "four", 8: "eight", 9: "nine"}
 STATED = {
     "quality.md": [
         f"never below {touches._FLOOR_S * 1e3:g} ms for grasps and {taps._FLOOR_S * 1e3:g} ms",
         f"square of {touches._FLOOR_S * 1e3:g} ms (grasps) or {taps._FLOOR_S * 1e3:g} ms (taps)",
-        f"first {power_of_two(sync._MOST_SAMPLES)} samples",
+        f"first {power_of_two(curves._MOST_SAMPLES)} samples",
         f"above {events._QUIET:g} and above {events._QUIET_SHARE:.0%} of".replace("%", " %"),
         f"at least {events._LEAST_FRAMES} such frames with {events._LEAST_QUIET} quiet frames",
         f"median activity, at least {events._LEAST_LEVEL:g}",
@@ -39,11 +41,13 @@ STATED = {
         f"*ρ* is above {touches._MOST_RESIDUAL:g}",
         f"less than {touches._LEAST_TRAVEL_M * 1e3:g} mm long, or σ is above "
         f"{touches._MOST_SIGMA_S * 1e3:g} ms",
-        f"about {touch_measures._JUMP_ROWS} rows of each".capitalize(),
-        f"{'two' if touch_measures._JUMP_PIXELS == 2 else '?'} apart in a row",
-        f"{'Nine' if touch_pass._KEPT == 9 else '?'} parts give a frame each",
-        f"{'four' if touch_pass._SEARCHED_BUSY == 4 else '?'} parts give the frame of most",
-        f"{'eight' if touch_pass._SEARCHED == 8 else '?'} parts the middle one",
+        f"about {TOUCH['TACT-011']['rows']} rows of each".capitalize(),
+        f"{WORDS[TOUCH['TACT-011']['apart_px']]} apart in a row",
+        f"{WORDS[TOUCH['TACT-006']['parts']]} parts give a frame each".capitalize(),
+        f"{WORDS[TOUCH['TACT-011']['active_parts']]} parts give the frame of most",
+        f"{WORDS[TOUCH['TACT-011']['parts']]} parts the middle one",
+        f"√(height · width / {TOUCH['TACT-006']['thumbnail_pixels']}), at least 1",
+        f"a grid of {TOUCH['TACT-012']['columns']} by {TOUCH['TACT-012']['rows']}",
     ],
     "dataset.md": [f"among the first {episode_run._MOST_LABELS} labels of each"],
 }

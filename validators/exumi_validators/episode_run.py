@@ -300,6 +300,7 @@ def _facts(episode: EpisodeContext) -> EpisodeFacts:
 
 
 def _references(episode: EpisodeContext) -> Iterator[ReferenceFacts]:
+    grid = [max(1, int(episode.limit("TACT-012", side))) for side in ("columns", "rows")]
     for name, statistics in episode.frame_statistics.items():
         sensor = episode.streams[name].sensor
         if statistics.reference is not None and sensor is not None and sensor.serial:
@@ -307,7 +308,7 @@ def _references(episode: EpisodeContext) -> Iterator[ReferenceFacts]:
                 stream=name,
                 model=sensor.model,
                 serial=sensor.serial,
-                coarse=coarse(statistics.reference),
+                coarse=coarse(statistics.reference, *grid),
             )
 
 

@@ -38,12 +38,21 @@ class GlanceLimits:
         Share of saturated pixels above which a frame is saturated.
     pixels : int
         How many pixels of a frame the grid has that it is judged by, about.
+    thumbnail_pixels : int
+        How many pixels a thumbnail has, about.
+    jump_rows : int
+        How many rows of a frame are searched for jumps, about.
+    jump_apart_px : int
+        How far apart the pixels of a row are whose levels are compared.
     """
 
     dark_level: float
     saturated_level: float
     saturated_share: float
     pixels: int
+    thumbnail_pixels: int
+    jump_rows: int
+    jump_apart_px: int
 
     def grid(self, height: int, width: int) -> tuple[slice, slice]:
         """Return the rows and the columns of a frame that it is judged by."""
@@ -109,7 +118,8 @@ class FrameStatistics:
     ) -> None:
         self.glanced = 0
         self.reference = reference
-        self.dark, self.saturated, self.jumps = Tally(), Tally(), Jumps()
+        self.dark, self.saturated = Tally(), Tally()
+        self.jumps = Jumps(limits.jump_rows, limits.jump_apart_px)
         self.thumbnails: dict[int, UInt8Array] = {}
         self._limits = limits
         self._kept, self._searched = frozenset(kept), frozenset(searched)
@@ -156,7 +166,7 @@ class FrameStatistics:
         self._pixels[len(self._frames)] = pixels
         self._frames.append(index)
         if index in self._kept:
-            small = thumbnail(to_grey(frame))
+            small = thumbnail(to_grey(frame), self._limits.thumbnail_pixels)
             # A small frame is its own thumbnail, in memory that the caller uses again.
             self.thumbnails[index] = small.copy() if levels is None else levels[small]
 

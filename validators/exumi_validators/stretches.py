@@ -10,7 +10,7 @@ from exumi_data.model.streams import StreamModel
 from exumi_validators.checks.time import flags_fit
 from exumi_validators.context import EpisodeContext
 from exumi_validators.sample_flags import flagged
-from exumi_validators.windows import CARRIED_SAMPLES, windows
+from exumi_validators.windows import carried_samples, windows
 
 __all__ = ["DeclaredGaps", "Stretch", "stretches"]
 
@@ -86,6 +86,7 @@ def stretches(episode: EpisodeContext, name: str, *others: str) -> Iterator[Stre
     """
     has_flags = flags_fit(episode, name)
     arrays = ("time", *(("flags",) if has_flags else ()), *others)
+    most = carried_samples(episode)
     kept: tuple[np.ndarray, ...] = ()
     for start, block in windows(episode, *(f"streams/{name}/{array}" for array in arrays)):
         rows = (
@@ -100,7 +101,7 @@ def stretches(episode: EpisodeContext, name: str, *others: str) -> Iterator[Stre
             flags=rows[1] if has_flags else np.zeros(len(time), dtype=np.uint32),
             others=rows[1 + has_flags :],
         )
-        kept = tuple(column[-CARRIED_SAMPLES:] for column in rows)
+        kept = tuple(column[-most:] for column in rows)
 
 
 class DeclaredGaps:

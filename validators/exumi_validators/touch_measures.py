@@ -23,9 +23,6 @@ UInt8Array = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
 
 _NEAREST = 1 / 3  # of the images, which come from all over the stream
-_JUMP_ROWS = 16
-# Chroma that was stored at half the resolution spreads an edge over two pixels.
-_JUMP_PIXELS = 2
 _JUMP = 128
 _STEP = 64
 _COARSE = 9  # pixels of a thumbnail: what is wider is light, not pattern
@@ -60,12 +57,19 @@ class Jumps:
 
     Attributes
     ----------
+    rows : int
+        How many rows of a frame are looked through, about.
+    apart_px : int
+        How far apart the pixels are: chroma that was stored at half the resolution spreads an
+        edge over two.
     pairs : int
         Pairs of pixels in one channel.
     steps, jumps : ndarray of int64, shape (C,)
         Pairs that differ by 65 to 128 levels, and by more.
     """
 
+    rows: int
+    apart_px: int
     pairs: int = 0
     steps: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
     jumps: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
@@ -74,11 +78,12 @@ class Jumps:
         """Look through a frame, (H, W, C)."""
         import cv2
 
-        every = max(1, frame.shape[0] // _JUMP_ROWS)
+        every = max(1, frame.shape[0] // self.rows)
         rows = np.ascontiguousarray(frame[every // 2 :: every])
-        if rows.shape[1] <= _JUMP_PIXELS:
+        if rows.shape[1] <= self.apart_px:
             return
-        step = np.asarray(cv2.absdiff(rows[:, _JUMP_PIXELS:], rows[:, :-_JUMP_PIXELS]), np.uint8)
+        apart = self.apart_px
+        step = np.asarray(cv2.absdiff(rows[:, apart:], rows[:, :-apart]), np.uint8)
         step = step.reshape(-1, frame.shape[2])
         self.pairs += len(step)
         if step.max() <= _STEP:  # as in most frames
@@ -126,11 +131,11 @@ def median_image(images: Collection[UInt8Array]) -> UInt8Array:
     return reference_image(list(images))
 
 
-def coarse(image: UInt8Array) -> bytes:
-    """Return an image's light, averaged to 16 by 12 pixels, row by row: small enough to keep."""
+def coarse(image: UInt8Array, columns: int, rows: int) -> bytes:
+    """Return an image's light, averaged to so many pixels, row by row: small enough to keep."""
     import cv2
 
-    return cv2.resize(image, (16, 12), interpolation=cv2.INTER_AREA).tobytes()
+    return cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA).tobytes()
 
 
 def texture(image: UInt8Array) -> float:

@@ -13,9 +13,6 @@ from exumi_validators.sample_flags import flagged
 
 __all__ = ["begin_statistics", "image_of", "spread", "stored_rows"]
 
-_KEPT = 9
-_SEARCHED = 8
-_SEARCHED_BUSY = 4  # where it is known which frames are busy, fewer will do
 _MAX_IMAGE_BYTES = 64 << 20
 _MAX_ROWS = 1 << 22  # 39 hours at 30 frames/s
 
@@ -40,11 +37,12 @@ def begin_statistics(episode: EpisodeContext, name: str) -> FrameStatistics | No
     if activity is not None and ignored is not None:
         activity = np.where(ignored, np.nan, activity)
     reference = image_of(episode, f"streams/{name}/reference")
-    small = None if reference is None else thumbnail(to_grey(reference))
-    kept, searched = _choose(count, activity)
+    thumbnail_pixels = _at_least_one(episode, "TACT-006", "thumbnail_pixels")
+    small = None if reference is None else thumbnail(to_grey(reference), thumbnail_pixels)
+    kept, searched = _choose(episode, count, activity)
     statistics = FrameStatistics(
         (stream.images.height, stream.images.width),
-        _limits(episode, small),
+        _limits(episode, small, thumbnail_pixels),
         kept=kept,
         searched=searched,
         ignored=ignored,
@@ -54,7 +52,9 @@ def begin_statistics(episode: EpisodeContext, name: str) -> FrameStatistics | No
     return statistics
 
 
-def _limits(episode: EpisodeContext, reference: UInt8Array | None) -> GlanceLimits:
+def _limits(
+    episode: EpisodeContext, reference: UInt8Array | None, thumbnail_pixels: int
+) -> GlanceLimits:
     dark = episode.limit("TACT-008", "dark_grey_level")
     if reference is not None:
         share = episode.limit("TACT-008", "dark_share_of_reference")
@@ -64,14 +64,26 @@ def _limits(episode: EpisodeContext, reference: UInt8Array | None) -> GlanceLimi
         saturated_level=episode.limit("TACT-007", "saturated_grey_level"),
         saturated_share=episode.limit("TACT-007", "saturated_share"),
         pixels=int(episode.limit("TACT-007", "pixels")),
+        thumbnail_pixels=thumbnail_pixels,
+        jump_rows=_at_least_one(episode, "TACT-011", "rows"),
+        jump_apart_px=_at_least_one(episode, "TACT-011", "apart_px"),
     )
 
 
-def _choose(count: int, activity: npt.NDArray[np.floating] | None) -> tuple[list[int], list[int]]:
+def _at_least_one(episode: EpisodeContext, rule: str, name: str) -> int:
+    return max(1, int(episode.limit(rule, name)))
+
+
+def _choose(
+    episode: EpisodeContext, count: int, activity: npt.NDArray[np.floating] | None
+) -> tuple[list[int], list[int]]:
     """Choose the frames to keep thumbnails of, quiet ones, and those to search, busy ones."""
+    kept = _at_least_one(episode, "TACT-006", "parts")
     if activity is None:
-        return spread(count, _KEPT), spread(count, _SEARCHED)
-    return spread(count, _KEPT, activity), spread(count, _SEARCHED_BUSY, -activity)
+        return spread(count, kept), spread(count, _at_least_one(episode, "TACT-011", "parts"))
+    # Where it is known which frames are busy, fewer will do.
+    searched = _at_least_one(episode, "TACT-011", "active_parts")
+    return spread(count, kept, activity), spread(count, searched, -activity)
 
 
 def spread(count: int, parts: int, cost: npt.NDArray[np.floating] | None = None) -> list[int]:

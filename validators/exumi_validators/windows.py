@@ -11,24 +11,27 @@ import numpy as np
 
 from exumi_validators.context import EpisodeContext
 
-__all__ = ["CARRIED_SAMPLES", "WINDOW_SAMPLES", "windows"]
+__all__ = ["carried_samples", "windows"]
 
-WINDOW_SAMPLES = 65_536
-CARRIED_SAMPLES = 8_192
-"""Samples of the window before that are judged with a window, so that none is too short."""
+# The limits of the windows of all rules stand with this one.
+_RULE = "TIME-005"
 
 
-def windows(
-    episode: EpisodeContext, *paths: str, samples: int = WINDOW_SAMPLES
-) -> Iterator[tuple[int, tuple[np.ndarray, ...]]]:
+def carried_samples(episode: EpisodeContext) -> int:
+    """Return how many samples of the window before are judged with a window.
+
+    So that none is too short.
+    """
+    return max(1, int(episode.limit(_RULE, "carried_samples")))
+
+
+def windows(episode: EpisodeContext, *paths: str) -> Iterator[tuple[int, tuple[np.ndarray, ...]]]:
     """Read arrays of equal length side by side, always so many samples at a time.
 
     Parameters
     ----------
     episode : EpisodeContext
     *paths : str
-    samples : int, optional
-        Of a window; the last one may have fewer.
 
     Yields
     ------
@@ -36,6 +39,7 @@ def windows(
     rows : tuple of ndarray
         One window of each array.
     """
+    samples = max(1, int(episode.limit(_RULE, "window_samples")))
     first, held = 0, 0
     parts: list[tuple[np.ndarray, ...]] = []
     for _, block in episode.blocks(*paths):

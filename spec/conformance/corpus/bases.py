@@ -18,6 +18,7 @@ __all__ = [
     "extension",
     "images_of",
     "jpegs",
+    "mapped",
     "pixels",
     "poses",
     "put_encoded",
@@ -72,6 +73,17 @@ def widths(**metadata: Any) -> Draft:
     width = np.array([0.0, 0.01, 0.02, 0.04], dtype=np.float32)
     draft.put("streams/width/data", width)
     draft.put("streams/width/raw", counts)
+    return draft
+
+
+def mapped(**metadata: Any) -> Draft:
+    """Return an episode of a width whose calibration states the map, over the counts' end."""
+    draft = widths(**metadata)
+    points = {"raw": [3900, 4096, 4400], "data": [0.0, 0.0196, 0.08]}
+    draft.metadata["calibration"]["encoder"]["value"] = {"raw_to_data": points}
+    counts = np.array([3900, 3998, 0, 152], dtype=np.uint16)
+    draft.put("streams/width/raw", counts)
+    draft.put("streams/width/data", np.array([0.0, 0.0098, 0.0196, 0.0498], dtype=np.float32))
     return draft
 
 

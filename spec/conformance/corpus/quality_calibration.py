@@ -3,8 +3,11 @@
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from corpus import bases
 from corpus.case import EXUMI, Case, Finding, case
+from corpus.draft import Draft
 
 __all__ = ["calibration_cases"]
 
@@ -31,3 +34,27 @@ def calibration_cases() -> Iterator[Case]:
     del draft.metadata["calibration"]["encoder"]["uncertainty"]
     at = Finding("CAL-004", ROOT, ENCODER)
     yield case("CAL-004__bare", "A calibration that fell from the sky.", draft, at)
+    yield from _map_cases()
+
+
+def _map_cases() -> Iterator[Case]:
+    def spoiled(raw: list[int]) -> Draft:
+        draft = bases.mapped()
+        draft.metadata["calibration"]["encoder"]["value"]["raw_to_data"]["raw"] = raw
+        return draft
+
+    at = Finding("CAL-005", ROOT, f"{ENCODER}/value/raw_to_data")
+    about = "A map whose counts come in no order."
+    yield case("CAL-005__not_ascending", about, spoiled([3900, 4400, 4096]), at)
+    about = "A map of more counts than widths."
+    yield case("CAL-005__one_too_many", about, spoiled([3900, 4096, 4400, 4500]), at)
+
+    def followed(name: str, about: str, widths: list[float], index: int) -> Case:
+        draft = bases.mapped()
+        draft.put("streams/width/data", np.array(widths, dtype=np.float32))
+        return case(name, about, draft, Finding("CAL-006", "streams/width/data", index=index))
+
+    about = "Widths of twice what their counts stand for."
+    yield followed("CAL-006__doubled", about, [0.0, 0.0196, 0.0392, 0.0996], 1)
+    about = "Centimetres in place of metres."
+    yield followed("CAL-006__centimetres", about, [0.0, 0.98, 1.96, 4.98], 1)

@@ -30,10 +30,11 @@ def _active(time_ms: np.ndarray) -> np.ndarray:
     return 60 * depth // (depth + 150)
 
 
-def _touch(draft: Draft, late_ms: int) -> Draft:
-    """Add a tactile stream of a touch, whose times are late."""
-    time_ms = np.arange(10, _LENGTH_MS, 33)
-    active = _active(time_ms)
+def _touch(draft: Draft, late_ms: int, touches: int = 1, set_by_ms: int = 0) -> Draft:
+    """Add a tactile stream of touches, whose times are late, from the second touch on by more."""
+    time_ms = np.arange(10, touches * _LENGTH_MS, 33)
+    active = _active(time_ms % _LENGTH_MS)
+    late_ms = late_ms + np.where(time_ms >= _LENGTH_MS, set_by_ms, 0)
     place = np.arange(_SIDE * _SIDE)
     grain = (np.arange(len(time_ms))[:, None] * 5 + place * 3) % 7 // 3
     frames = (100 + grain + 60 * (place < active[:, None])).astype(np.uint8)
@@ -60,14 +61,35 @@ def _touch(draft: Draft, late_ms: int) -> Draft:
     return draft
 
 
+def _add_width(draft: Draft, grasps: int, taps: int, late_ms: int = 0) -> None:
+    """Add the width of a gripper that grasps, and rests meanwhile taps are made."""
+    time_ms = np.arange(0, (grasps + taps) * _LENGTH_MS, 10)
+    unrest = np.arange(len(time_ms)) * 7 % 3 - 1
+    grasping = time_ms < grasps * _LENGTH_MS
+    opening = np.where(grasping, _opening(time_ms % _LENGTH_MS), _opening(np.zeros(1, int)))
+    draft.stream("width", "width")
+    draft.put("streams/width/time", (time_ms + late_ms).astype(np.int64) * _MS)
+    draft.put("streams/width/data", ((opening + unrest) / 100_000).astype(np.float32))
+
+
+def _add_pose(draft: Draft, grasps: int, taps: int, late_ms: int = 0) -> None:
+    """Add the pose of a hand that rests meanwhile grasps are made, and then taps."""
+    time_ms = np.arange(0, (grasps + taps) * _LENGTH_MS, 14)
+    tapping = time_ms >= grasps * _LENGTH_MS
+    data = np.zeros((len(time_ms), 7))
+    data[:, 0] = (np.arange(len(time_ms)) * 7 % 3 - 1) / 100_000
+    way = np.where(tapping, _opening(time_ms % _LENGTH_MS), _opening(np.zeros(1, int)))
+    data[:, 2] = way / 100_000
+    data[:, 6] = 1.0
+    draft.stream("pose", "pose", frames={"parent": "world", "child": "probe"})
+    draft.put("streams/pose/time", (time_ms + late_ms).astype(np.int64) * _MS)
+    draft.put("streams/pose/data", data, names=("time", "component"))
+
+
 def grasp(late_ms: int) -> Draft:
     """Return an episode of one grasp whose tactile stream is late."""
     draft = _touch(Draft(regime="touch"), late_ms)
-    draft.stream("width", "width")
-    time_ms = np.arange(0, _LENGTH_MS, 10)
-    draft.put("streams/width/time", time_ms.astype(np.int64) * _MS)
-    unrest = np.arange(len(time_ms)) * 7 % 3 - 1
-    draft.put("streams/width/data", ((_opening(time_ms) + unrest) / 100_000).astype(np.float32))
+    _add_width(draft, 1, 0)
     return draft
 
 
@@ -75,14 +97,22 @@ def tap(late_ms: int) -> Draft:
     """Return an episode of one tap by a probe without fingers, whose pose is late."""
     embodiment = {"name": "probe", "gripper": "none"}
     draft = _touch(Draft(regime="touch", embodiment=embodiment), 0)
-    draft.stream("pose", "pose", frames={"parent": "world", "child": "probe"})
-    time_ms = np.arange(0, _LENGTH_MS, 14)
-    data = np.zeros((len(time_ms), 7))
-    data[:, 0] = (np.arange(len(time_ms)) * 7 % 3 - 1) / 100_000
-    data[:, 2] = _opening(time_ms) / 100_000
-    data[:, 6] = 1.0
-    draft.put("streams/pose/time", (time_ms + late_ms).astype(np.int64) * _MS)
-    draft.put("streams/pose/data", data, names=("time", "component"))
+    _add_pose(draft, 0, 1, late_ms)
+    return draft
+
+
+def _grasp_and_tap(width_late_ms: int) -> Draft:
+    """Return an episode of a grasp and a tap whose width is late."""
+    draft = _touch(Draft(regime="touch"), 0, touches=2)
+    _add_width(draft, 1, 1, width_late_ms)
+    _add_pose(draft, 1, 1)
+    return draft
+
+
+def _clock_set(by_ms: int) -> Draft:
+    """Return an episode of two grasps between which the tactile stream's clock is set."""
+    draft = _touch(Draft(regime="touch"), 0, touches=2, set_by_ms=by_ms)
+    _add_width(draft, 2, 0)
     return draft
 
 
@@ -115,4 +145,16 @@ def sync_cases() -> Iterator[Case]:
         "By a grasp, the tactile stream is 20 ms late.",
         grasp(20),
         _clock("SYNC-002", "tactile"),
+    )
+    yield case(
+        "SYNC-001__width_late",
+        "By a grasp and a tap, tactile stream and pose agree, and the width is 150 ms late.",
+        _grasp_and_tap(150),
+        _clock("SYNC-001", "width"),
+    )
+    yield case(
+        "TIME-006__clock_set",
+        "A clock that is set by 200 ms between two grasps: no gap, and no latency either.",
+        _clock_set(200),
+        Finding("TIME-006", "streams/tactile/time", index=73),
     )

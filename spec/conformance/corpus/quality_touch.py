@@ -78,6 +78,11 @@ def _activity_cases() -> Iterator[Case]:
     yield case("TACT-005__none", "A demonstration that touches nothing.", draft, at)
     draft = _active(0.9, "demonstration")
     yield case("TACT-005__nearly_all", "A demonstration in contact nearly throughout.", draft, at)
+    draft = _active(1.0, "play")
+    draft.put(f"streams/{NAME}/time", bases.times(FRAMES, 600_000_000))
+    at = Finding("TACT-013", ACTIVITY)
+    about = "Play of 23 s in which the sensor never comes to rest."
+    yield case("TACT-013__never_quiet", about, draft, at)
 
 
 def _frame_cases() -> Iterator[Case]:

@@ -177,6 +177,8 @@ def valid_cases() -> Iterator[Case]:
     yield case("pose__minimal", "One pose stream.", bases.poses())
     yield case("pose__raw_and_transform", "Raw poses beside transformed ones.", pose_with_raw())
     yield case("width__counts_and_calibration", "Encoder counts and widths.", bases.widths())
+    about = "A calibration that states the map from counts to widths, over the counts' end."
+    yield case("width__calibration_map", about, bases.mapped())
     yield case("width__invalid_flagged", "NaN where the device says so.", invalid_samples_flagged())
     yield case(
         "width__out_of_range_flagged",

@@ -38,11 +38,24 @@ _NEAR = 2
 
 @dataclass(slots=True)
 class _Track:
-    """What was found in a stream of poses so far."""
+    """What was found in a stream of poses so far.
+
+    Attributes
+    ----------
+    breaks : list
+        With the first sample of each.
+    still : list
+    changed : bool
+        Some two poses differ.
+    steps, too_far : int
+        Steps that were judged, and those of them that go further than a hand.
+    """
 
     breaks: list[tuple[int, Break]] = field(default_factory=list)
     still: list[Still] = field(default_factory=list)
     changed: bool = False
+    steps: int = 0
+    too_far: int = 0
 
 
 @check("POSE-003", "POSE-004", "POSE-005")
@@ -83,6 +96,10 @@ def _track(episode: EpisodeContext, name: str, count: int) -> _Track | str:
         found, since = find_still(series, steps, since, still)
         track.still += found[: _MOST - len(track.still)]
         last = int(series.time[-1])
+        judged = steps.joined[series.own]
+        track.steps += int(np.count_nonzero(judged))
+        reach_m = linear.speed * steps.step_s[series.own]
+        track.too_far += int(np.count_nonzero(judged & (steps.moved[series.own] > reach_m)))
         # Where a track that stood still goes on, it leaps: that is one defect.
         leaps = [run.end - 1 - series.start for run in found]
         steps = replace(steps, joined=steps.joined & ~np.isin(np.arange(len(step_s)), leaps))
@@ -121,8 +138,10 @@ def _broken(episode: EpisodeContext, path: str, track: _Track) -> Iterator[Probl
     if fast:
         index, item = fast[0]
         found, expected = _in_words(episode, item)
-        count = _counted(len(fast))
-        yield problem("POSE-003", path, index=index, expected=expected, found=found, count=count)
+        detail = f"places: {_counted(len(fast))}"
+        if track.too_far > episode.limit("POSE-003", "unit_share") * track.steps:
+            detail = f"{track.too_far} of {track.steps} steps, as in another unit than metres"
+        yield problem("POSE-003", path, index=index, expected=expected, found=found, detail=detail)
     if jumps:
         index, item = jumps[0]
         found = f"{item.moved:.3g} m and {math.degrees(item.turned):.3g} degrees"

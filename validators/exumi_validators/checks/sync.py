@@ -3,11 +3,10 @@
 What is estimated is what the declared correction has left: `time` is compared with `time`.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exumi_data.synchronisation import (
     LatencyEstimate,
@@ -16,25 +15,43 @@ from exumi_data.synchronisation import (
     find_touches,
     still_touches,
 )
+from exumi_validators.checks.clocks import other_clocks
+from exumi_validators.checks.timing import rhythm
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext
+from exumi_validators.curves import Curve, activity_of, curve_of, of_kind, width_of
 from exumi_validators.findings import problem
 from exumi_validators.registry import Finding, check
 from exumi_validators.report import Problem, Skipped
-from exumi_validators.sample_flags import flagged
 
 __all__ = ["latency"]
 
-# A latency is the same all along: the first hour at 1 kHz tells enough.
-_MOST_SAMPLES = 1 << 22
 _COMPARED = ("tactile", "width", "pose")
+_CODES = ("SYNC-001", "SYNC-002")
+_STEPS = "its clock steps"
 
 
 @dataclass(frozen=True, slots=True)
-class _Curve:
-    """A stream's valid samples."""
+class _Pair:
+    """How late a stream is relative to another one.
 
-    time_ns: NDArray[np.int64]
-    values: NDArray[np.floating]
+    Attributes
+    ----------
+    stream, reference : str
+    found : LatencyEstimate
+    event : str
+        What it was estimated from: grasp or tap.
+    touch : Curve
+        The activity that the events are in.
+    estimate : callable
+        Estimates from a part of that activity.
+    """
+
+    stream: str
+    reference: str
+    found: LatencyEstimate
+    event: str
+    touch: Curve = field(repr=False)
+    estimate: Callable[[Curve], LatencyEstimate | None] = field(repr=False)
 
 
 @check("SYNC-001", "SYNC-002")
@@ -42,16 +59,12 @@ def latency(episode: EpisodeContext) -> Iterator[Finding]:
     """Judge by grasps that tactile streams are in step with the width, and poses by taps."""
     if len(episode.streams) < 2:  # one stream has nothing to be in step with
         return
-    tactile = _of_kind(episode, "tactile")
+    tactile = of_kind(episode, "tactile")
     if not tactile:
         yield from _skipped("no tactile stream", ROOT)
-    trusted = []
-    for name in tactile:
-        found = list(_against_width(episode, name))
-        yield from found
-        if not any(isinstance(finding, Problem) for finding in found):
-            trusted.append(name)
-    for name in _of_kind(episode, "pose"):
+    trusted: list[str] = []
+    yield from _against_width(episode, tactile, trusted)
+    for name in of_kind(episode, "pose"):
         if tactile:
             yield from _against_touch(episode, name, trusted)
     for name, stream in episode.streams.items():
@@ -60,62 +73,92 @@ def latency(episode: EpisodeContext) -> Iterator[Finding]:
             yield from _skipped(reason, f"streams/{name}")
 
 
-def _of_kind(episode: EpisodeContext, kind: str) -> list[str]:
-    return [name for name, stream in episode.streams.items() if stream.kind == kind]
-
-
-def _against_width(episode: EpisodeContext, name: str) -> Iterator[Finding]:
-    """Judge a tactile stream by the grasps; the encoder, which has hardly any, is believed."""
-    path = f"streams/{name}"
-    other = _width_of(episode, name)
-    if other is None:
-        yield from _skipped("no width of the same gripper", path)
-        return
-    touch = _activity(episode, name)
-    width = _curve(episode, other, f"streams/{other}/data")
-    if isinstance(touch, str) or isinstance(width, str):
-        yield from _skipped(touch if isinstance(touch, str) else str(width), path)
-        return
-    found = estimate_touch_latency(touch.time_ns, touch.values, width.time_ns, width.values)
-    if found is None:
-        yield from _skipped("no grasp that tells", path)
-    else:
-        yield from _judged(episode, name, other, found, "grasp")
+def _against_width(
+    episode: EpisodeContext, tactile: list[str], trusted: list[str]
+) -> Iterator[Finding]:
+    """Judge tactile streams by the grasps; adds those that are not out of step to `trusted`."""
+    pairs: dict[str, _Pair] = {}
+    for name in tactile:
+        found = _by_grasps(episode, name)
+        if isinstance(found, _Pair):
+            pairs[name] = found
+        else:
+            yield from _skipped(found, f"streams/{name}")
+    off = {name: pair for name, pair in pairs.items() if _broken(episode, pair)}
+    trusted += [name for name in tactile if name not in off]
+    for width in dict.fromkeys(pair.reference for pair in off.values()):
+        fingers = [pair for pair in pairs.values() if pair.reference == width]
+        late = _late_width(episode, fingers)
+        if late is None:
+            for pair in fingers:
+                if pair.stream in off:
+                    yield from _judged(episode, pair)
+        else:
+            yield from _judged(episode, late)
+            trusted += [pair.stream for pair in fingers]
 
 
 def _against_touch(episode: EpisodeContext, name: str, tactile: list[str]) -> Iterator[Finding]:
     """Judge a pose by the taps that a tactile stream felt."""
     path = f"streams/{name}"
-    pose = _curve(episode, name, f"{path}/data")
+    pose = curve_of(episode, name, f"{path}/data")
     if isinstance(pose, str):
         yield from _skipped(pose, path)
         return
     for other in tactile:
-        found = _by_taps(episode, other, pose)
-        if found is not None:
-            yield from _judged(episode, name, other, found, "tap")
+        pair = _by_taps(episode, name, other, pose)
+        if pair is not None:
+            if _broken(episode, pair):
+                yield from _judged(episode, pair)
             return
     yield from _skipped("no tap that tells", path)
 
 
-def _by_taps(episode: EpisodeContext, name: str, pose: _Curve) -> LatencyEstimate | None:
-    """Return by how much a pose is late relative to a tactile stream."""
-    touch = _activity(episode, name)
+# ------------------------------------------------------------------------------------- estimates
+
+
+def _by_grasps(episode: EpisodeContext, name: str) -> _Pair | str:
+    """Compare a tactile stream with the width of its gripper; else return why it cannot be."""
+    other = width_of(episode, name)
+    if other is None:
+        return "no width of the same gripper"
+    touch = activity_of(episode, name)
+    width = curve_of(episode, other, f"streams/{other}/data")
+    if isinstance(touch, str):
+        return touch
+    if isinstance(width, str):
+        return width
+
+    def estimate(part: Curve) -> LatencyEstimate | None:
+        return estimate_touch_latency(part.time_ns, part.values, width.time_ns, width.values)
+
+    found = estimate(touch)
+    if found is None:
+        return "no grasp that tells"
+    return _Pair(name, other, found, "grasp", touch, estimate)
+
+
+def _by_taps(episode: EpisodeContext, name: str, other: str, pose: Curve) -> _Pair | None:
+    """Compare a pose with a tactile stream; None where no tap tells."""
+    touch = activity_of(episode, other)
     if isinstance(touch, str):
         return None
-    touches = find_touches(touch.time_ns, touch.values)
-    other = _width_of(episode, name)
-    if other is not None:
-        width = _curve(episode, other, f"streams/{other}/data")
-        if isinstance(width, str):
-            return None
-        touches = still_touches(touches, touch.time_ns, width.time_ns, width.values)
-    elif _may_grasp(episode):
+    gripper = width_of(episode, other)
+    width = None if gripper is None else curve_of(episode, gripper, f"streams/{gripper}/data")
+    if isinstance(width, str) or (width is None and _may_grasp(episode)):
         return None
-    found = estimate_tap_latency(
-        touch.time_ns, touch.values, pose.time_ns, pose.values[:, :3], touches
-    )
-    return None if found is None else replace(found, offset_s=-found.offset_s)
+
+    def estimate(part: Curve) -> LatencyEstimate | None:
+        touches = find_touches(part.time_ns, part.values)
+        if width is not None:
+            touches = still_touches(touches, part.time_ns, width.time_ns, width.values)
+        found = estimate_tap_latency(
+            part.time_ns, part.values, pose.time_ns, pose.values[:, :3], touches
+        )
+        return None if found is None else replace(found, offset_s=-found.offset_s)
+
+    found = estimate(touch)
+    return None if found is None else _Pair(name, other, found, "tap", touch, estimate)
 
 
 def _may_grasp(episode: EpisodeContext) -> bool:
@@ -123,75 +166,112 @@ def _may_grasp(episode: EpisodeContext) -> bool:
     return embodiment is None or embodiment.gripper != "none"
 
 
-def _judged(
-    episode: EpisodeContext, name: str, other: str, found: LatencyEstimate, event: str
-) -> Iterator[Problem]:
-    away = abs(found.offset_s)
-    sign = "late" if found.offset_s > 0 else "early"
-    for code in ("SYNC-001", "SYNC-002"):
+# --------------------------------------------------------------------------------------- judging
+
+
+def _broken(episode: EpisodeContext, pair: _Pair) -> str | None:
+    """Return the rule that a pair breaks, if any."""
+    away = abs(pair.found.offset_s)
+    for code in _CODES:
         sigmas = episode.limit(code, "sigmas")
-        if away > max(episode.limit(code, "offset_s"), sigmas * found.sigma_s):
-            declared = episode.streams[name].clock.latency_ns * 1e-6
-            yield problem(
-                code,
-                ROOT,
-                pointer=(*EXUMI, "streams", name, "clock"),
-                expected="in step",
-                found=f"{away * 1e3:.1f} ± {found.sigma_s * 1e3:.1f} ms {sign}",
-                stream=name,
-                reference=other,
-                declared=f"{declared:.1f} ms",
-                events=f"{found.n_events} {event}{'s' * (found.n_events > 1)}",
-            )
-            return
+        if away > max(episode.limit(code, "offset_s"), sigmas * pair.found.sigma_s):
+            return code
+    return None
+
+
+def _judged(episode: EpisodeContext, pair: _Pair) -> Iterator[Finding]:
+    """Report a pair that is out of step, unless a clock steps: then it has no one latency."""
+    if _steps(episode, pair):
+        yield from _skipped(_STEPS, f"streams/{pair.stream}")
+        return
+    code, found = _broken(episode, pair), pair.found
+    assert code is not None  # noqa: S101  # only such pairs come here
+    sign = "late" if found.offset_s > 0 else "early"
+    declared = episode.streams[pair.stream].clock.latency_ns * 1e-6
+    yield problem(
+        code,
+        ROOT,
+        pointer=(*EXUMI, "streams", pair.stream, "clock"),
+        expected="in step",
+        found=f"{abs(found.offset_s) * 1e3:.1f} ± {found.sigma_s * 1e3:.1f} ms {sign}",
+        stream=pair.stream,
+        reference=pair.reference,
+        declared=f"{declared:.1f} ms",
+        events=f"{found.n_events} {pair.event}{'s' * (found.n_events > 1)}",
+    )
+
+
+def _late_width(episode: EpisodeContext, fingers: list[_Pair]) -> _Pair | None:
+    """Return the width against its fingers, where these agree with a pose and not with it.
+
+    Parameters
+    ----------
+    episode : EpisodeContext
+    fingers : list of _Pair
+        All of the gripper's tactile streams that tell, against the width.
+    """
+    best = min(fingers, key=lambda pair: pair.found.sigma_s)
+    if not all(_broken(episode, pair) and _same(episode, pair, best) for pair in fingers):
+        return None
+    witnesses = []
+    for name in of_kind(episode, "pose"):
+        pose = curve_of(episode, name, f"streams/{name}/data")
+        pairs = (
+            []
+            if isinstance(pose, str)
+            else [_by_taps(episode, name, pair.stream, pose) for pair in fingers]
+        )
+        for pair in pairs:
+            if pair is None:
+                continue
+            if _broken(episode, pair) or not _differ(episode, pair.found, _turned(best.found)):
+                return None
+            witnesses.append(name)
+    if not witnesses:
+        return None
+    names = [pair.stream for pair in fingers] + list(dict.fromkeys(witnesses))
+    reference = ", ".join(names[:-1]) + f" and {names[-1]}"
+    return replace(best, stream=best.reference, reference=reference, found=_turned(best.found))
+
+
+def _turned(found: LatencyEstimate) -> LatencyEstimate:
+    return replace(found, offset_s=-found.offset_s)
+
+
+def _same(episode: EpisodeContext, pair: _Pair, other: _Pair) -> bool:
+    return not _differ(episode, pair.found, other.found)
+
+
+def _differ(episode: EpisodeContext, a: LatencyEstimate, b: LatencyEstimate) -> bool:
+    sigma = float(np.hypot(a.sigma_s, b.sigma_s))
+    return abs(a.offset_s - b.offset_s) > episode.limit("SYNC-002", "sigmas") * sigma
+
+
+# --------------------------------------------------------------------------------- clocks that step
+
+
+def _steps(episode: EpisodeContext, pair: _Pair) -> bool:
+    """Whether the latency changes where another rule finds that time leaps."""
+    for name in (pair.stream, pair.reference):
+        for at_ns in _leaps(episode, name):
+            before, after = (pair.estimate(part) for part in pair.touch.cut(at_ns))
+            if before is not None and after is not None and _differ(episode, before, after):
+                return True
+    return False
+
+
+def _leaps(episode: EpisodeContext, name: str) -> Iterator[int]:
+    """Go through the times at which a stream is found to step, or to be silent without a gap."""
+    reader = episode.reader(f"streams/{name}/time")
+    for judge, code in ((other_clocks, "CLOCK-005"), (rhythm, "TIME-006")):
+        for found in judge(episode) if reader is not None else ():
+            if not isinstance(found, Problem) or found.code != code:
+                continue
+            place = found.location
+            if reader is not None and place.index and place.path.split("/")[1] == name:
+                yield int(reader.rows(place.index, place.index + 1)[0])
 
 
 def _skipped(reason: str, path: str) -> Iterator[Skipped]:
-    for code in ("SYNC-001", "SYNC-002"):
+    for code in _CODES:
         yield Skipped(code, f"not estimable: {reason}", path)
-
-
-def _width_of(episode: EpisodeContext, name: str) -> str | None:
-    """Return the width stream of the gripper that a sensor sits on.
-
-    The only one, or the one whose name ends like the sensor's: ``width_left``, ``tactile_left``.
-    """
-    widths = _of_kind(episode, "width")
-    if len(widths) > 1:
-        ending = name.rpartition("_")[2]
-        widths = [width for width in widths if width.rpartition("_")[2] == ending]
-    return widths[0] if len(widths) == 1 else None
-
-
-def _activity(episode: EpisodeContext, name: str) -> _Curve | str:
-    path = f"{name}/activity"
-    if path not in episode.derived:
-        return "no stored activity"
-    return _curve(episode, name, f"derived/{path}")
-
-
-def _curve(episode: EpisodeContext, name: str, path: str) -> _Curve | str:
-    """Return the valid samples of a stream, or why they cannot be used."""
-    stream = episode.streams[name]
-    if stream.clock.stamp_point == "nominal_rate":
-        return "times are nominal"
-    paths = [f"streams/{name}/time", path]
-    if "flags" in stream.arrays:
-        paths.append(f"streams/{name}/flags")
-    times, values, count = [], [], 0
-    for _, rows in episode.blocks(*paths):
-        time, value, *flag = (column[: _MOST_SAMPLES - count] for column in rows)
-        good = np.isfinite(value.reshape(len(value), -1)).all(axis=1)
-        if flag:
-            good &= ~flagged(flag[0], "invalid")
-        times.append(time[good])
-        values.append(value[good])
-        count += len(time)
-        if count >= _MOST_SAMPLES:
-            break
-    if not count:
-        return "arrays cannot be read"
-    joined = np.concatenate(times)
-    if not (joined[1:] > joined[:-1]).all():
-        return "times do not increase"
-    return _Curve(joined, np.concatenate(values))

@@ -3,12 +3,14 @@
 import itertools
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from exumi_data.model.description import CalibrationItem
 from exumi_data.model.streams import TactileStream
 from exumi_data.tactile import thumbnail, to_grey
+from exumi_data.time import NS_PER_S
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.frame_statistics import FrameStatistics, UInt8Array
@@ -37,7 +39,7 @@ __all__ = [
 RIG_REFERENCE = "tactile_reference/"
 """A calibration item of this name and a stream's holds the image of the rig's own finger."""
 
-_REGIME_RULES = {"play": "TACT-004", "demonstration": "TACT-005"}
+_REGIME_RULES = {"play": ("TACT-004", "TACT-013"), "demonstration": ("TACT-005",)}
 _FEWEST = 3
 _MIN_SHIFT_SIDE = 16
 _NO_FRAMES = "no frames were decoded"
@@ -53,36 +55,69 @@ def _tactile(episode: EpisodeContext) -> Iterator[str]:
 # ---------------------------------------------------------------------------------------- activity
 
 
-@check("TACT-004", "TACT-005")
+@dataclass(frozen=True, slots=True)
+class _Active:
+    """How many frames of a stream are active, of how many, from the first to the last."""
+
+    active: int
+    frames: int
+    seconds: float
+
+
+@check("TACT-004", "TACT-005", "TACT-013")
 def active_share(episode: EpisodeContext) -> Iterator[Finding]:
     """Judge the share of active frames against the regime."""
-    rule = _REGIME_RULES.get(episode.section("regime") or "")
-    if rule is None:
-        return
-    for name in _tactile(episode):
-        yield from _share_findings(episode, name, rule)
+    rules = _REGIME_RULES.get(episode.section("regime") or "", ())
+    for name in _tactile(episode) if rules else ():
+        counted = _count_active(episode, name)
+        for rule in rules:
+            yield from _share_findings(episode, name, rule, counted)
 
 
-def _share_findings(episode: EpisodeContext, name: str, rule: str) -> Iterator[Finding]:
-    path = f"derived/{name}/activity"
+def _count_active(episode: EpisodeContext, name: str) -> _Active | None:
+    """Count the active frames of a stream; None where activity or its threshold is not stored."""
     item, count = episode.derived.get(f"{name}/activity"), episode.count(name)
     threshold = item.parameters.get("active_above") if item else None
-    activity = stored_rows(episode, path, count) if count else None
+    activity = stored_rows(episode, f"derived/{name}/activity", count) if count else None
+    time = stored_rows(episode, f"streams/{name}/time", count) if count else None
     if activity is None or isinstance(threshold, bool) or not isinstance(threshold, int | float):
+        return None
+    seconds = 0.0 if time is None else (int(time[-1]) - int(time[0])) / NS_PER_S
+    return _Active(int(np.count_nonzero(activity > threshold)), len(activity), seconds)
+
+
+def _share_findings(
+    episode: EpisodeContext, name: str, rule: str, counted: _Active | None
+) -> Iterator[Finding]:
+    path = f"derived/{name}/activity"
+    if counted is None:
         yield Skipped(rule, "no stored activity with its threshold", f"streams/{name}")
         return
-    if len(activity) < episode.limit(rule, "frames"):
+    if counted.frames < episode.limit(rule, "frames"):
         yield Skipped(rule, "too few frames", path)
         return
-    active = int(np.count_nonzero(activity > threshold))
-    usual = episode.limit(rule, "active_share")
+    share = episode.limit(rule, "active_share")
+    most = share * counted.frames
     if rule == "TACT-004":
-        wrong, expected = active < usual * len(activity), f"{usual:.0%}"
+        wrong, expected = counted.active < most, f"{share:.0%}"
+    elif rule == "TACT-005":
+        wrong = counted.active == 0 or counted.active > most
+        expected = f"some, and at most {share:.0%}"
     else:
-        wrong = active == 0 or active > usual * len(activity)
-        expected = f"some, and at most {usual:.0%}"
+        if counted.seconds < episode.limit(rule, "seconds"):
+            yield Skipped(rule, "too short for a pause to be expected", path)
+            return
+        wrong, expected = counted.active >= most, f"{share:.0%}"
     if wrong:
-        yield problem(rule, path, expected=expected, found=active, frames=len(activity))
+        seconds = f"{counted.seconds:.0f}"
+        yield problem(
+            rule,
+            path,
+            expected=expected,
+            found=counted.active,
+            frames=counted.frames,
+            seconds=seconds,
+        )
 
 
 # ------------------------------------------------------------------------------------------ frames
@@ -248,11 +283,12 @@ def _typical(episode: EpisodeContext) -> dict[str, UInt8Array]:
 def _rig_references(episode: EpisodeContext) -> dict[str, UInt8Array]:
     """Return the thumbnails of the rig's references by the name of the stream."""
     found = {}
+    pixels = max(1, int(episode.limit("TACT-006", "thumbnail_pixels")))
     for pointer, item in episode.parts(CalibrationItem, "calibration"):
         key = str(pointer[-1])
         image = image_of(episode, item.array) if item.array else None
         if key.startswith(RIG_REFERENCE) and image is not None:
-            found[key.removeprefix(RIG_REFERENCE)] = thumbnail(to_grey(image))
+            found[key.removeprefix(RIG_REFERENCE)] = thumbnail(to_grey(image), pixels)
     return found
 
 

@@ -1,0 +1,100 @@
+"""The map that a calibration states from a device's own values to data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["KEY", "RawToData", "read_map"]
+
+KEY = "raw_to_data"
+"""Where a calibration item's `value` states it."""
+
+_FEWEST = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawToData:
+    """Points of a map that is linear between them.
+
+    Attributes
+    ----------
+    raw : (K,) float64
+        The device's own values, ascending.
+    data : (K,) float64
+        What they stand for.
+    """
+
+    raw: npt.NDArray[np.float64]
+    data: npt.NDArray[np.float64]
+
+    @property
+    def span(self) -> float:
+        """How far apart the highest and the lowest value of `data` are."""
+        return float(np.ptp(self.data))
+
+    def at(self, values: np.ndarray, modulus: int | None = None) -> npt.NDArray[np.float64]:
+        """Return what values stand for.
+
+        Parameters
+        ----------
+        values : (N,) numbers
+            Of the device.
+        modulus : int, optional
+            Where they wrap: each then stands for the number equal to it modulo `modulus` that is
+            nearest to the middle of the map.
+
+        Returns
+        -------
+        (N,) float64
+            NaN beyond the map's ends.
+        """
+        raw = values.astype(np.float64)
+        if modulus is not None:
+            middle = (self.raw[0] + self.raw[-1]) / 2
+            raw -= modulus * np.floor((raw - middle) / modulus + 0.5)
+        return np.asarray(np.interp(raw, self.raw, self.data, left=np.nan, right=np.nan))
+
+
+def read_map(value: object) -> RawToData | str | None:
+    """Read the map out of a calibration item's `value`.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    RawToData, str or None
+        What is wrong with it, where it is no map; None where none is stated.
+    """
+    stated = value.get(KEY) if isinstance(value, dict) else None
+    if stated is None:
+        return None
+    if not isinstance(stated, dict):
+        return "is not an object"
+    lists = {}
+    for name in ("raw", "data"):
+        numbers = _numbers(stated.get(name))
+        if numbers is None:
+            return f"has no `{name}`, a list of finite numbers"
+        lists[name] = numbers
+    raw, data = lists["raw"], lists["data"]
+    if len(raw) != len(data) or len(raw) < _FEWEST:
+        return f"has {len(raw)} numbers in `raw` and {len(data)} in `data`"
+    if any(after <= before for before, after in pairwise(raw)):
+        return "has a `raw` that does not ascend"
+    return RawToData(np.array(raw), np.array(data))
+
+
+def _numbers(value: object) -> list[float] | None:
+    if not isinstance(value, list) or not all(type(x) in (int, float) for x in value):
+        return None
+    try:
+        numbers = [float(x) for x in value]
+    except OverflowError:
+        return None
+    return numbers if np.isfinite(numbers).all() else None
