@@ -10,6 +10,14 @@ from exumi_data.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from exumi_loaders.active_sampler import ActiveWindowSampler
+    from exumi_loaders.device.blur import Blur
+    from exumi_loaders.device.colour import ColourJitter
+    from exumi_loaders.device.jpeg import DecodeJpeg
+    from exumi_loaders.device.mirror import Mirror
+    from exumi_loaders.device.octopi import NormaliseSensor, OctopiImages
+    from exumi_loaders.device.prefetch import prefetch_to_device
+    from exumi_loaders.device.size import CentreCrop, PadToSquare, RandomCrop, Resize
+    from exumi_loaders.device.to_float import ToFloat
     from exumi_loaders.representation import TactileRepresentation
     from exumi_loaders.sampler import WindowIndex, WindowSampler
     from exumi_loaders.timeline import Timeline, TimelineSettings, build_timeline
@@ -17,24 +25,48 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ActiveWindowSampler",
+    "Blur",
+    "CentreCrop",
+    "ColourJitter",
+    "DecodeJpeg",
+    "Mirror",
+    "NormaliseSensor",
+    "OctopiImages",
+    "PadToSquare",
+    "RandomCrop",
+    "Resize",
     "TPPWindows",
     "TactileRepresentation",
     "Timeline",
     "TimelineSettings",
+    "ToFloat",
     "WindowIndex",
     "WindowSampler",
     "build_timeline",
+    "prefetch_to_device",
 ]
 
 _HOME = {
     "ActiveWindowSampler": "active_sampler",
+    "Blur": "device.blur",
+    "CentreCrop": "device.size",
+    "ColourJitter": "device.colour",
+    "DecodeJpeg": "device.jpeg",
+    "Mirror": "device.mirror",
+    "NormaliseSensor": "device.octopi",
+    "OctopiImages": "device.octopi",
+    "PadToSquare": "device.size",
+    "RandomCrop": "device.size",
+    "Resize": "device.size",
     "TPPWindows": "tpp",
     "TactileRepresentation": "representation",
     "Timeline": "timeline",
     "TimelineSettings": "timeline",
+    "ToFloat": "device.to_float",
     "WindowIndex": "sampler",
     "WindowSampler": "sampler",
     "build_timeline": "timeline",
+    "prefetch_to_device": "device.prefetch",
 }
 
 
