@@ -109,4 +109,5 @@ def _colour_maps(saturation: Tensor, angle: Tensor) -> Tensor:
     turn[:, 1, 1] = turn[:, 2, 2] = saturation * angle.cos()
     turn[:, 2, 1] = saturation * angle.sin()
     turn[:, 1, 2] = -turn[:, 2, 1]
-    return torch.linalg.inv(to_yiq) @ turn @ to_yiq
+    back: Tensor = torch.linalg.inv(to_yiq)
+    return back @ turn @ to_yiq

@@ -103,10 +103,10 @@ class ToFloat(ImageModule):
         return images.contiguous() if self.memory == "contiguous" else images
 
     def _in_cache(self, images: Tensor) -> Tensor:
-        # Memory is written in its own order: that of the decoder is (..., H, W, C).
-        last = images.movedim(-3, -1)
-        keep = self.memory == "kept" and last.is_contiguous()
-        source = last if keep else images
+        # Memory is written in the order that it has: that of decoders is (..., H, W, C).
+        channels_last = images.stride(-3) <= images.stride(-1)
+        keep = self.memory == "kept" and channels_last
+        source = images.movedim(-3, -1) if keep else images
         out, _ = self._pool.take(tuple(source.shape), _NUMPY[self.dtype])
         for window, target in zip(source, out, strict=True):
             # A strided copy of bytes is cheaper than one of floats.
