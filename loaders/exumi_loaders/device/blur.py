@@ -51,10 +51,7 @@ class Blur(ImageModule):
         """Show the settings."""
         return f"sigma_px={self.sigma_px}, p={self.p}"
 
-    def transform(
-        self, frames: Tensor, reference: Tensor | None = None
-    ) -> tuple[Tensor, Tensor | None]:
-        """Blur frames and reference; see `ImageModule.transform`."""
+    def _change(self, frames: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:
         need_floats(frames, "Blur")
         blurred = self.draws.uniform(len(frames), 0, 1) < self.p
         sigma = self.draws.uniform(len(frames), *self.sigma_px)

@@ -65,10 +65,7 @@ class ColourJitter(ImageModule):
             f"saturation={self.saturation}, hue={self.hue}"
         )
 
-    def transform(
-        self, frames: Tensor, reference: Tensor | None = None
-    ) -> tuple[Tensor, Tensor | None]:
-        """Change frames and reference; see `ImageModule.transform`."""
+    def _change(self, frames: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:
         need_floats(frames, "ColourJitter")
         count = len(frames)
         brightness = self.draws.uniform(count, 1 - self.brightness, 1 + self.brightness)

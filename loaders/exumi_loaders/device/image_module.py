@@ -109,4 +109,7 @@ class ImageModule(nn.Module):
         -------
         (Tensor, Tensor or None)
         """
+        return self._change(frames, reference)
+
+    def _change(self, frames: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:
         raise NotImplementedError

@@ -149,10 +149,7 @@ class OctopiImages(ImageModule):
         self.square = PadToSquare()
         self.resize = Resize(size, mode="bicubic")
 
-    def transform(
-        self, frames: Tensor, reference: Tensor | None = None
-    ) -> tuple[Tensor, Tensor | None]:
-        """Prepare frames and reference; see `ImageModule.transform`."""
+    def _change(self, frames: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:
         frames = self.normalise(frames, self.sensor)
         still = None if reference is None else self.normalise(reference, self.sensor)
         return self.resize.transform(*self.square.transform(frames, still))

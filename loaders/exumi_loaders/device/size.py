@@ -64,10 +64,7 @@ class Resize(ImageModule):
         """Show the settings."""
         return f"size={self.size}, mode={self.mode!r}"
 
-    def transform(
-        self, frames: Tensor, reference: Tensor | None = None
-    ) -> tuple[Tensor, Tensor | None]:
-        """Resize frames and reference; see `ImageModule.transform`."""
+    def _change(self, frames: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:
         still = None if reference is None else _over_frames(reference, self.size, self.mode)
         return _over_frames(frames, self.size, self.mode), still
 
@@ -87,14 +84,10 @@ class PadToSquare(ImageModule):
         super().__init__(streams)
         self.value = value
 
-    def transform(
-        self, frames: Tensor, reference: Tensor | None = None
-    ) -> tuple[Tensor, Tensor | None]:
-        """Pad frames and reference; see `ImageModule.transform`."""
-        return self.pad(frames), None if reference is None else self.pad(reference)
+    def _change(self, frames: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:
+        return self._pad(frames), None if reference is None else self._pad(reference)
 
-    def pad(self, images: Tensor) -> Tensor:
-        """Pad images (..., C, H, W)."""
+    def _pad(self, images: Tensor) -> Tensor:
         height, width = images.shape[-2:]
         side = max(height, width)
         top, left = (side - height) // 2, (side - width) // 2
@@ -129,10 +122,7 @@ class CentreCrop(ImageModule):
         """Show the settings."""
         return f"size={self.size}"
 
-    def transform(
-        self, frames: Tensor, reference: Tensor | None = None
-    ) -> tuple[Tensor, Tensor | None]:
-        """Crop frames and reference; see `ImageModule.transform`."""
+    def _change(self, frames: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:
         spare = _check_fits(self.size, frames)
         top, left = spare[0] // 2, spare[1] // 2
         box = (..., slice(top, top + self.size[0]), slice(left, left + self.size[1]))
@@ -160,10 +150,7 @@ class RandomCrop(ImageModule):
         """Show the settings."""
         return f"size={self.size}"
 
-    def transform(
-        self, frames: Tensor, reference: Tensor | None = None
-    ) -> tuple[Tensor, Tensor | None]:
-        """Crop frames and reference; see `ImageModule.transform`."""
+    def _change(self, frames: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:
         height, width = self.size
         spare = _check_fits(self.size, frames)
         tops = self.draws.integers(len(frames), spare[0] + 1)

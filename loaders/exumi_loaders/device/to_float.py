@@ -75,10 +75,7 @@ class ToFloat(ImageModule):
         """Show the settings."""
         return f"dtype={self.dtype}, memory={self.memory!r}"
 
-    def transform(
-        self, frames: Tensor, reference: Tensor | None = None
-    ) -> tuple[Tensor, Tensor | None]:
-        """Convert frames and reference; see `ImageModule.transform`."""
+    def _change(self, frames: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:
         return self.convert(frames), None if reference is None else self.convert(reference)
 
     def convert(self, images: Tensor) -> Tensor:
