@@ -278,12 +278,15 @@ def _refuse_lights(models: Iterable[tuple[str, str | None]]) -> None:
         light = known[model].light if model is not None and model in known else None
         if light == "white":
             continue
-        why = (
-            f"the gel of {model!r} is lit in colours from several sides; mirrored, its lights are "
-            "where no sensor has them"
-            if light == "coloured"
-            else f"it is not known how the gel of sensor {model!r} is lit"
-        )
+        if model is None:
+            why = "it is not said which sensor they are from, and so not how its gel is lit"
+        elif light is None:
+            why = f"it is not registered how the gel of {model!r} is lit"
+        else:
+            why = (
+                f"the gel of {model!r} is lit in colours from several sides; mirrored, its lights "
+                "are where no sensor has them"
+            )
         raise UsageError(
             f"images are not mirrored: {why}",
             where=stream,

@@ -65,6 +65,18 @@ def test_hue_turns_by_about_as_much_as_it_says() -> None:
     assert -0.15 < min(turned) < -0.06
 
 
+def test_a_turn_of_hue_keeps_the_strength_of_colour() -> None:
+    yiq = torch.tensor([[0.595716, -0.274453, -0.321263], [0.211456, -0.522591, 0.311135]])
+
+    def strength(x: torch.Tensor) -> torch.Tensor:
+        return torch.einsum("ij,bkjhw->bkihw", yiq, x).norm(dim=2)
+
+    before = images()
+    after = ColourJitter(**{**ZERO, "hue": 0.2})({"x": before})["x"]  # type: ignore[arg-type]
+    assert torch.allclose(strength(after), strength(before), atol=1e-4)
+    assert not torch.allclose(after, before, atol=1e-2)
+
+
 def test_what_touches_is_scaled_and_not_shifted() -> None:
     """Frame minus reference keeps its shape: the representation of touch only changes its gain."""
     reference = images(1)[:, 0]

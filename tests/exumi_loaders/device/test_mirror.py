@@ -167,7 +167,7 @@ def test_sensors_are_read_from_the_episodes(make_dataset: Any, recipe: Any) -> N
     second = np.arange(0, 3, 1 / 30)
     dataset = make_dataset(recipe(tactile_s=second, pose_s=second))
     windows = TPPWindows(dataset, cache=False)
-    with pytest.raises(UsageError, match="not known how"):
+    with pytest.raises(UsageError, match="not said which sensor"):
         Mirror.of(windows)  # these test episodes name no sensor
     mirror = Mirror.of(windows, any_light=True, p=1.0)
     batch = windows.__getitems__([10, 20])
