@@ -108,12 +108,16 @@ def make_windows(dataset: Path) -> Any:
     return TPPWindows(open_dataset(dataset), random_history=False, edges="drop", cache=False)
 
 
-def run_ours(windows: Any, count: int, repeats: int, batch: int) -> dict[str, Any]:
+def run_ours(
+    windows: Any, count: int, repeats: int, batch: int, transform: Any = None
+) -> dict[str, Any]:
     """Measure TPPWindows through its loader, in this process."""
+    from exumi_loaders import prefetch_to_device
 
     def once() -> int:
         done = 0
-        for item in windows.loader(batch, shuffle=True):
+        loader = windows.loader(batch, shuffle=True)
+        for item in prefetch_to_device(loader, "cpu", transform=transform):
             done += len(item["valid"])
             if done >= count:
                 break
@@ -264,10 +268,19 @@ def main() -> None:
     cores = one_core()
     import torch
 
+    from exumi_loaders import ToFloat
+
     torch.set_num_threads(1)
     for tactile, dataset in sets.items():
         windows = make_windows(dataset)
         ours = run_ours(windows, arguments.windows, arguments.repeats, arguments.batch)
+        floats = run_ours(
+            windows,
+            arguments.windows,
+            arguments.repeats,
+            arguments.batch,
+            ToFloat(memory="contiguous"),
+        )
         limit = run_decoding(windows, min(arguments.windows, 2000), arguments.repeats)
         os.sched_setaffinity(0, cores)  # the peer builds on all cores, and measures on one
         peer = run_lerobot(arguments.lerobot, dataset, arguments.work, arguments, tactile)
@@ -276,10 +289,12 @@ def main() -> None:
         results[tactile] = {
             "windows": len(windows),
             "exumi_windows_per_s": ours,
+            "exumi_float32_chw_windows_per_s": floats,
             "decoding_only_windows_per_s": limit,
             "lerobot": peer,
             "ratio_to_decoding": round(ours["median"] / bare, 3),
             "ratio_to_lerobot": peer_ratios(ours["median"], peer),
+            "ratio_to_lerobot_float32_chw": peer_ratios(floats["median"], peer),
         }
     report("windows", {"machine": machine, **results}, arguments.json)
 

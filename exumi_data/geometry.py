@@ -7,7 +7,7 @@ xyzw with real part last; they need not have unit length, but must not be zero.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ __all__ = [
     "inverse",
     "make_sign_continuous",
     "matrix_to_pose",
+    "mirror",
     "pose_to_matrix",
     "relative",
     "rotation_6d",
@@ -170,6 +171,38 @@ def relative(base: npt.ArrayLike, pose: npt.ArrayLike) -> Float64Array:
         If a shape is wrong or a quaternion is zero.
     """
     return compose(inverse(base), pose)
+
+
+def mirror(pose: npt.ArrayLike, axis: Literal["x", "y", "z"]) -> Float64Array:
+    """Mirror poses: ``M·T·M``, where M negates one axis of both reference frames.
+
+    What a scene's mirror image does, described in frames that are mirrored with it: the position
+    changes its sign along the axis, and rotations about the other two axes change theirs.
+
+    Parameters
+    ----------
+    pose
+        (..., 7) poses.
+    axis
+        The axis that is negated.
+
+    Returns
+    -------
+    (..., 7) float64
+        Poses; quaternions keep their length.
+
+    Raises
+    ------
+    ValueError
+        If the shape is wrong or there is no such axis.
+    """
+    if axis not in ("x", "y", "z"):
+        raise ValueError(f"Invalid axis ({axis!r}). Supported values are 'x', 'y', 'z'.")
+    sign = np.ones(7)
+    number = "xyz".index(axis)
+    sign[number] = -1.0
+    sign[[3 + (number + 1) % 3, 3 + (number + 2) % 3]] = -1.0
+    return np.asarray(_as_poses(pose) * sign, np.float64)
 
 
 def rotation_6d(quaternion: npt.ArrayLike) -> Float64Array:

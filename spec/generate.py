@@ -156,8 +156,10 @@ def _stamps() -> str:
 
 
 def _sensors() -> str:
-    rows = [(f"`{s.name}`", s.maker, s.kind, s.text) for s in standard.sensors().values()]
-    return table(("sensor", "maker", "kind", "notes"), rows)
+    rows = [
+        (f"`{s.name}`", s.maker, s.kind, s.light or "", s.text) for s in standard.sensors().values()
+    ]
+    return table(("sensor", "maker", "kind", "light", "notes"), rows)
 
 
 def _catalog() -> str:

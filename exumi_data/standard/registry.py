@@ -121,12 +121,20 @@ class StampPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorModel:
-    """A sensor by its registered name."""
+    """A sensor by its registered name.
+
+    Attributes
+    ----------
+    name, maker, kind, text : str
+    light : {"coloured", "white"} or None
+        Of a visuo-tactile sensor: lights of several colours from several sides, or white and even.
+    """
 
     name: str
     maker: str
     kind: str
     text: str
+    light: Literal["coloured", "white"] | None = None
 
 
 def _arrays(entries: list[dict[str, Any]]) -> "Mapping[str, ArraySpec]":

@@ -180,6 +180,30 @@ class Frames:
                 self._source.read_into(index, out[position])
             previous = index
 
+    def file(self, index: int) -> bytes:
+        """Return the bytes of one frame's own file, checked against its checksum.
+
+        Parameters
+        ----------
+        index : int
+            In [0, N).
+
+        Raises
+        ------
+        DamagedDataError
+            Names the stream and the frame.
+        IndexError
+            There is no such frame.
+        UsageError
+            The frames are not stored as files of their own.
+        """
+        if not isinstance(self._source, EncodedFrames):
+            raise UsageError("frames are not stored as files of their own", where=self._where)
+        if not 0 <= index < len(self):
+            msg = f"frame {index} of {len(self)}"
+            raise IndexError(msg)
+        return self._source.file(index)
+
     def iterate(self, *, grey: bool = False) -> Iterator[np.ndarray]:
         """Yield every frame in order, (H, W, C) uint8; memory stays at one frame."""
         for index in range(len(self)):

@@ -5,7 +5,7 @@ import simplejpeg
 
 from exumi_data.errors import DamagedDataError
 
-__all__ = ["comment", "decode_into", "encode", "is_jpeg", "size_of"]
+__all__ = ["check", "comment", "decode_into", "encode", "is_jpeg", "size_of"]
 
 _SOI, _EOI = b"\xff\xd8", b"\xff\xd9"
 _COM, _SOS = 0xFE, 0xDA
@@ -35,6 +35,29 @@ def size_of(data: bytes) -> tuple[int, int, int]:
     return int(height), int(width), channels
 
 
+def check(data: bytes, size: tuple[int, int]) -> None:
+    """Check a JPEG that another decoder gets: its (height, width), and the number of its scans.
+
+    Raises
+    ------
+    DamagedDataError
+        It is no JPEG, of another size, or made to keep a decoder busy.
+    """
+    _check_scans(data)
+    found = size_of(data)[:2]
+    if found != size:
+        raise DamagedDataError(
+            f"the JPEG is {found[1]}x{found[0]}, the metadata says {size[1]}x{size[0]}"
+        )
+
+
+def _check_scans(data: bytes) -> None:
+    # Each scan goes over the whole picture, and one of ten bytes can be repeated a thousand times.
+    # Inside the data of a scan there can be no such marker.
+    if data.count(_SCAN) > _MAX_SCANS:
+        raise DamagedDataError(f"the JPEG has more than {_MAX_SCANS} scans")
+
+
 def comment(data: bytes) -> str | None:
     """Return the comment (COM segment) of a JPEG, or None. It often names the encoder."""
     position = 2
@@ -61,10 +84,7 @@ def decode_into(data: bytes, out: np.ndarray) -> None:
     DamagedDataError
         The JPEG is damaged, or its size is not that of `out`.
     """
-    # Each scan goes over the whole picture, and one of ten bytes can be repeated a thousand times.
-    # Inside the data of a scan there can be no such marker.
-    if data.count(_SCAN) > _MAX_SCANS:
-        raise DamagedDataError(f"the JPEG has more than {_MAX_SCANS} scans")
+    _check_scans(data)
     try:
         decoded = simplejpeg.decode_jpeg(data, "GRAY" if out.shape[2] == 1 else "RGB", buffer=out)
     except ValueError as error:

@@ -13,6 +13,14 @@ if TYPE_CHECKING:
     from exumi_loaders.clips import Clip, Clips
     from exumi_loaders.contrastive import BatchOrder, ContrastiveBatches
     from exumi_loaders.contrastive_loss import InfoNCE, info_nce
+    from exumi_loaders.device.blur import Blur
+    from exumi_loaders.device.colour import ColourJitter
+    from exumi_loaders.device.jpeg import DecodeJpeg
+    from exumi_loaders.device.mirror import Mirror
+    from exumi_loaders.device.octopi import NormaliseSensor, OctopiImages
+    from exumi_loaders.device.prefetch import prefetch_to_device
+    from exumi_loaders.device.size import CentreCrop, PadToSquare, RandomCrop, Resize
+    from exumi_loaders.device.to_float import ToFloat
     from exumi_loaders.instructions import InstructionSamples
     from exumi_loaders.properties import PropertyWindows
     from exumi_loaders.representation import TactileRepresentation
@@ -24,41 +32,65 @@ if TYPE_CHECKING:
 __all__ = [
     "ActiveWindowSampler",
     "BatchOrder",
+    "Blur",
+    "CentreCrop",
     "Clip",
     "Clips",
+    "ColourJitter",
     "ContrastiveBatches",
+    "DecodeJpeg",
     "InfoNCE",
     "InstructionSamples",
+    "Mirror",
+    "NormaliseSensor",
+    "OctopiImages",
+    "PadToSquare",
     "PropertyWindows",
+    "RandomCrop",
+    "Resize",
     "TPPWindows",
     "TactileRepresentation",
     "Timeline",
     "TimelineSettings",
+    "ToFloat",
     "TwoViews",
     "WindowIndex",
     "WindowSampler",
     "build_timeline",
     "info_nce",
+    "prefetch_to_device",
 ]
 
 _HOME = {
     "ActiveWindowSampler": "active_sampler",
     "BatchOrder": "contrastive",
+    "Blur": "device.blur",
+    "CentreCrop": "device.size",
     "Clip": "clips",
     "Clips": "clips",
+    "ColourJitter": "device.colour",
     "ContrastiveBatches": "contrastive",
+    "DecodeJpeg": "device.jpeg",
     "InfoNCE": "contrastive_loss",
     "InstructionSamples": "instructions",
+    "Mirror": "device.mirror",
+    "NormaliseSensor": "device.octopi",
+    "OctopiImages": "device.octopi",
+    "PadToSquare": "device.size",
     "PropertyWindows": "properties",
+    "RandomCrop": "device.size",
+    "Resize": "device.size",
     "TPPWindows": "tpp",
     "TactileRepresentation": "representation",
     "Timeline": "timeline",
     "TimelineSettings": "timeline",
+    "ToFloat": "device.to_float",
     "TwoViews": "two_views",
     "WindowIndex": "sampler",
     "WindowSampler": "sampler",
     "build_timeline": "timeline",
     "info_nce": "contrastive_loss",
+    "prefetch_to_device": "device.prefetch",
 }
 
 

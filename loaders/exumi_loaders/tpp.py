@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Literal, SupportsIndex
 
 import numpy as np
 import torch
-from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from exumi_data.errors import UsageError
@@ -15,6 +14,7 @@ from exumi_data.splits import split_ids
 from exumi_data.ticks import DEFAULT_TICK_S
 from exumi_loaders.actions import relative_actions
 from exumi_loaders.buffers import BatchBuffers
+from exumi_loaders.device.jpeg_frames import JpegPacker
 from exumi_loaders.draws import history_steps
 from exumi_loaders.readers import FrameReaders
 from exumi_loaders.sampler import WindowIndex, WindowSampler
@@ -36,7 +36,8 @@ _HISTORY = STEPS[:16]
 _FIXED_HISTORY = np.array([-12, -8, -4, 0])
 _FUTURE = np.array([4, 8, 12, 16])
 
-Item = dict[str, Tensor]
+# Tensors, or JpegFrames in place of images.
+Item = dict[str, Any]
 
 
 def _as_is(batch: Any) -> Any:
@@ -93,6 +94,9 @@ class TPPWindows(Dataset[Item]):
         Default: the only one of its kind.
     grey_tactile : bool
         Give one channel (luma) of tactile frames that are stored in colour.
+    decode : {"cpu", "device"}
+        ``device`` leaves JPEG files as they are (`JpegFrames` in place of images), for
+        `exumi_loaders.device.DecodeJpeg`. Frames that are stored otherwise are images all the same.
     random_history : bool
         False takes steps −12, −8, −4, 0.
     edges : {"pad", "drop"}
@@ -138,6 +142,7 @@ class TPPWindows(Dataset[Item]):
         pose: str | None = None,
         width: str | None = None,
         grey_tactile: bool = False,
+        decode: Literal["cpu", "device"] = "cpu",
         random_history: bool = True,
         edges: Literal["pad", "drop"] = "pad",
         stride: int = 1,
@@ -150,6 +155,7 @@ class TPPWindows(Dataset[Item]):
         cache: bool | str | Path = True,
     ) -> None:
         _one_of("edges", edges, ("pad", "drop"))
+        _one_of("decode", decode, ("cpu", "device"))
         _one_of("activity", activity, ("all", "future"))
         if stride < 1:
             raise UsageError(f"stride is {stride}, not a positive number of ticks")
@@ -179,6 +185,8 @@ class TPPWindows(Dataset[Item]):
             for name, shape in self.layout.shapes.items()
         }
         self._anchors, self._episode = _anchors(self.timeline.edges, edges, stride)
+        encodings = self.timeline.encodings if decode == "device" else {}
+        self._as_files = {name for name, kind in encodings.items() if kind == "encoded"}
         self._readers = FrameReaders(dataset, self.timeline.encodings)
         self._buffers = BatchBuffers()
 
@@ -309,14 +317,18 @@ class TPPWindows(Dataset[Item]):
         size = (height, width, self._channels[name])
         # One buffer for the batch, in the order that JPEG decoders write: torch sees it as
         # channels-last images without a copy.
-        buffer, out = self._buffers.take((*frames.shape, *size))
+        files = JpegPacker(frames.shape, size) if name in self._as_files else None
+        shape = (*frames.shape, *size)
+        buffer, out = self._buffers.take(shape if files is None else (0, *shape[1:]))
         references = reference_out = None
         if self.layout.references.get(name, False):
             references, reference_out = self._buffers.take((len(frames), *size))
         complete = np.asarray((frames >= 0).all(axis=1))
         for position, (number, wanted) in enumerate(zip(episode, frames, strict=True)):
             source, reference = self._readers.get(int(number), name)
-            if complete[position]:
+            if files is not None:
+                files.add(position, int(number), source, wanted.tolist())
+            elif complete[position]:
                 source.read_into(wanted.tolist(), out[position])
             else:
                 out[position] = 0
@@ -324,7 +336,7 @@ class TPPWindows(Dataset[Item]):
                     source.read_into(wanted[k : k + 1], out[position, k : k + 1])
             if reference_out is not None and reference is not None:
                 reference_out[position] = _like(reference, size[2])
-        batch[name] = buffer.movedim(-1, -3)
+        batch[name] = buffer.movedim(-1, -3) if files is None else files.packed()
         batch[f"{name}_valid"] = torch.from_numpy(frames >= 0)
         if references is not None:
             batch[f"{name}_reference"] = references.movedim(-1, -3)
