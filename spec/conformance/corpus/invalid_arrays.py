@@ -8,6 +8,7 @@ import numpy as np
 from corpus import bases
 from corpus.case import EXUMI, Case, Finding, case
 from corpus.draft import Draft, crc32c
+from corpus.valid_videos import corrected, stamped_by_the_host
 
 __all__ = ["array_cases"]
 
@@ -213,6 +214,14 @@ def _frame_cases() -> Iterator[Case]:
     draft.put("streams/rgb/time", time)
     at = Finding("VID-005", "streams/rgb/time", index=3)
     yield case("VID-005__moved", "A time that the file does not know.", draft, at)
+    draft = corrected()
+    draft.put("streams/rgb/time", bases.times(8) + 5_000_000_000)
+    at = Finding("VID-005", "streams/rgb/time", index=0)
+    yield case("VID-005__not_corrected", "The pts' times, as if there were no clock.", draft, at)
+    draft = stamped_by_the_host()
+    draft.put("streams/rgb/time", bases.times(8))
+    at = Finding("TIME-003", "streams/rgb/time", index=1)
+    yield case("TIME-003__of_pts", "The pts' times where stamps are the raw times.", draft, at)
 
 
 def _finite_cases() -> Iterator[Case]:
