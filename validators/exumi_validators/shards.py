@@ -43,7 +43,8 @@ def judge_shards(episode: HasFiles, path: str, document: ArrayDocument) -> Itera
     Yields
     ------
     Problem
-        Of the rules SHARD-001 to 004, and SHARD-006.
+        Of the rules SHARD-001 to 004, and SHARD-006; and of SHARD-005 what the index tells: the
+        lengths of uncompressed chunks.
     """
     present = _present(episode.listing, path, document)
     missing = document.shards - len(present)
@@ -57,7 +58,7 @@ def judge_shards(episode: HasFiles, path: str, document: ArrayDocument) -> Itera
             detail=document.shard_path(first),
         )
     for shard in sorted(present):
-        yield from _judge_shard(episode, f"{path}/{document.shard_path(shard)}", document, shard)
+        yield from _judge_shard(episode, path, document, shard)
 
 
 def _present(listing: Listing, path: str, document: ArrayDocument) -> set[int]:
@@ -72,8 +73,9 @@ def _present(listing: Listing, path: str, document: ArrayDocument) -> set[int]:
 
 
 def _judge_shard(
-    episode: HasFiles, file: str, document: ArrayDocument, shard: int
+    episode: HasFiles, path: str, document: ArrayDocument, shard: int
 ) -> Iterator[Problem]:
+    file = f"{path}/{document.shard_path(shard)}"
     size = episode.listing.files[file]
     length = document.chunks_per_shard * 16 + 4
     if size < length:
@@ -107,6 +109,12 @@ def _judge_shard(
         yield problem("SHARD-002", file, detail=detail)
         return
     if not document.zstd:
+        lengths = index[:, 1] != document.chunk_bytes
+        if lengths.any():
+            first = int(lengths.argmax())
+            found = f"has {int(index[first, 1])} bytes, expected {document.chunk_bytes}"
+            yield problem("SHARD-005", path, detail=f"inner chunk {first} of {file} {found}")
+            return
         yield from _judge_order(file, index, document.chunk_bytes)
     yield from _judge_body(file, index, size - length)
 
@@ -133,12 +141,6 @@ def _judge_body(file: str, index: np.ndarray, body: int) -> Iterator[Problem]:
 
 
 def _judge_order(file: str, index: np.ndarray, chunk_bytes: int) -> Iterator[Problem]:
-    lengths = index[:, 1] != chunk_bytes
-    if lengths.any():
-        first = int(lengths.argmax())
-        detail = f"inner chunk {first} has {int(index[first, 1])} bytes, expected {chunk_bytes}"
-        yield problem("SHARD-002", file, detail=detail)
-        return
     starts = np.arange(len(index), dtype=np.uint64) * np.uint64(chunk_bytes)
     moved = index[:, 0] != starts
     if moved.any():
