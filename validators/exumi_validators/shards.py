@@ -78,17 +78,9 @@ def _judge_shard(
     file = f"{path}/{document.shard_path(shard)}"
     size = episode.listing.files[file]
     length = document.chunks_per_shard * 16 + 4
-    if size < length:
-        detail = f"it has {size} bytes, its index alone has {length}"
-        yield problem("SHARD-002", file, detail=detail)
-        return
-    try:
-        raw = episode.store.read_range(file, size - length, length)
-    except (ExumiError, OSError) as error:
-        yield problem("SHARD-002", file, detail=f"it cannot be read: {error}")
-        return
-    if crc32c(raw[:-4]) != int.from_bytes(raw[-4:], "little"):
-        yield problem("SHARD-002", file, detail="its index has a wrong checksum")
+    raw = _index_of(episode, file, length)
+    if isinstance(raw, str):
+        yield problem("SHARD-002", file, detail=raw)
         return
     rows = min(document.shard_rows, document.shape[0] - shard * document.shard_rows)
     chunks = -(-rows // document.chunk_rows)
@@ -108,15 +100,29 @@ def _judge_shard(
         detail = f"inner chunk {int(outside.argmax())} lies outside the shard"
         yield problem("SHARD-002", file, detail=detail)
         return
+    lengths = index[:, 1] != document.chunk_bytes
+    if not document.zstd and lengths.any():
+        first = int(lengths.argmax())
+        detail = f"has {int(index[first, 1])} bytes, expected {document.chunk_bytes}"
+        yield problem("SHARD-005", path, detail=f"inner chunk {first} of {file} {detail}")
+        return
     if not document.zstd:
-        lengths = index[:, 1] != document.chunk_bytes
-        if lengths.any():
-            first = int(lengths.argmax())
-            found = f"has {int(index[first, 1])} bytes, expected {document.chunk_bytes}"
-            yield problem("SHARD-005", path, detail=f"inner chunk {first} of {file} {found}")
-            return
         yield from _judge_order(file, index, document.chunk_bytes)
     yield from _judge_body(file, index, size - length)
+
+
+def _index_of(episode: HasFiles, file: str, length: int) -> bytes | str:
+    """Return the bytes of a shard's index with its checksum, or what is wrong with it."""
+    size = episode.listing.files[file]
+    if size < length:
+        return f"it has {size} bytes, its index alone has {length}"
+    try:
+        raw = episode.store.read_range(file, size - length, length)
+    except (ExumiError, OSError) as error:
+        return f"it cannot be read: {error}"
+    if crc32c(raw[:-4]) != int.from_bytes(raw[-4:], "little"):
+        return "its index has a wrong checksum"
+    return raw
 
 
 def _is_all(raw: bytes, body: int, document: ArrayDocument) -> bool:
