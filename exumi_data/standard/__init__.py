@@ -22,7 +22,7 @@ from exumi_data.standard.registry import (
     stamp_points,
     units,
 )
-from exumi_data.standard.rule_table import LEVELS, Level, Rule, Severity, rules
+from exumi_data.standard.rule_table import LEVELS, Level, Place, Rule, Severity, places, rules
 
 __all__ = [
     "LEVELS",
@@ -31,6 +31,7 @@ __all__ = [
     "Flag",
     "Kind",
     "Level",
+    "Place",
     "Rule",
     "SensorModel",
     "Severity",
@@ -42,6 +43,7 @@ __all__ = [
     "encodings",
     "flags",
     "kinds",
+    "places",
     "rules",
     "sensors",
     "stamp_points",
