@@ -40,12 +40,15 @@ types: setup  ## mypy, strict
 wheel-check: setup  ## sdist, wheel from it, fresh environment, import everything
 	$(BIN)/python scripts/check_wheel.py
 
-conformance: setup  ## our validator and writer, judged by the harnesses of the standard
+conformance: setup  ## our validator, writer and editor, judged by the standard's harnesses
 	$(BIN)/python spec/conformance/run_validator.py --exact --batch \
 	  -- $(BIN)/python spec/conformance/adapters/exumi_validator.py
 	$(BIN)/python spec/conformance/run_writer.py \
 	  --validator "$(BIN)/exumi validate --format json" \
 	  -- $(BIN)/python spec/conformance/adapters/exumi_writer.py
+	$(BIN)/python spec/conformance/run_editor.py \
+	  --validator "$(BIN)/exumi validate --format json" \
+	  -- $(BIN)/python spec/conformance/adapters/exumi_editor.py
 
 readers: setup  ## both readers, ours and the second one (needs Node.js), on the corpus
 	$(BIN)/python spec/conformance/run_reader.py -- $(BIN)/python spec/readers/dump.py

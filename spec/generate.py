@@ -209,15 +209,39 @@ def rendered(text: str) -> str:
 def rules_page() -> str:
     """Return ``rules.md``."""
     rows = [
-        (f"[{rule.id}]({rule.anchor})", rule.severity, rule.level, rule.title, rule.since)
+        (
+            f"[{rule.id}]({rule.anchor})",
+            rule.severity,
+            rule.level,
+            rule.title,
+            " or ".join(rule.places),
+            rule.since,
+        )
         for rule in standard.rules().values()
     ]
     head = (
         f"# The rules of exUMI {FORMAT_VERSION}\n\n"
         "Rendered by `spec/generate.py` from `exumi_data/standard/rules/`. A rule's title says\n"
-        "what holds when it is kept.\n\n"
+        "what holds when it is kept; its findings have the [places](#places) that are named.\n\n"
     )
-    return head + table(("rule", "severity", "level", "title", "since"), rows)
+    names = ("rule", "severity", "level", "title", "place", "since")
+    return head + table(names, rows) + _places()
+
+
+def _places() -> str:
+    """Return the section on the places of findings."""
+    rows = [
+        (place.name, place.path, "yes" if place.pointer else "", place.index, place.text)
+        for place in standard.places().values()
+    ]
+    head = (
+        "\n## Places\n\n"
+        "Paths are relative to the episode, in a dataset's own files to the dataset. A pointer is\n"
+        "a JSON pointer (RFC 6901) into the document at the path. Indices count from 0. Of\n"
+        "findings with an index one may stand for all that the rule has at its place; any other\n"
+        "finding stands for itself.\n\n"
+    )
+    return head + table(("place", "path", "pointer", "index", "what is there"), rows)
 
 
 def rules_table() -> str:
@@ -229,11 +253,21 @@ def rules_table() -> str:
             "title": rule.title,
             "text": rule.anchor,
             "since": rule.since,
+            "places": list(rule.places),
             "limits": dict(rule.limits),
         }
         for rule in standard.rules().values()
     }
-    document = {"format_version": FORMAT_VERSION, "rules": rows}
+    where = {
+        place.name: {
+            "path": place.path,
+            "pointer": place.pointer,
+            "index": place.index,
+            "text": place.text,
+        }
+        for place in standard.places().values()
+    }
+    document = {"format_version": FORMAT_VERSION, "rules": rows, "places": where}
     return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
 
 

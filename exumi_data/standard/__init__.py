@@ -14,6 +14,7 @@ from exumi_data.standard.registry import (
     Unit,
     common_arrays,
     derived_arrays,
+    derived_name_fault,
     encodings,
     flags,
     kinds,
@@ -21,7 +22,7 @@ from exumi_data.standard.registry import (
     stamp_points,
     units,
 )
-from exumi_data.standard.rule_table import LEVELS, Level, Rule, Severity, rules
+from exumi_data.standard.rule_table import LEVELS, Level, Place, Rule, Severity, places, rules
 
 __all__ = [
     "LEVELS",
@@ -30,6 +31,7 @@ __all__ = [
     "Flag",
     "Kind",
     "Level",
+    "Place",
     "Rule",
     "SensorModel",
     "Severity",
@@ -37,9 +39,11 @@ __all__ = [
     "Unit",
     "common_arrays",
     "derived_arrays",
+    "derived_name_fault",
     "encodings",
     "flags",
     "kinds",
+    "places",
     "rules",
     "sensors",
     "stamp_points",

@@ -1,5 +1,6 @@
 """The registry: names that mean the same everywhere."""
 
+import re
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
@@ -20,6 +21,7 @@ __all__ = [
     "Unit",
     "common_arrays",
     "derived_arrays",
+    "derived_name_fault",
     "encodings",
     "flags",
     "kinds",
@@ -27,6 +29,8 @@ __all__ = [
     "stamp_points",
     "units",
 ]
+
+_DERIVED_OF_THIRD_PARTY = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*__[a-z0-9][a-z0-9_]*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,6 +161,26 @@ def common_arrays() -> "Mapping[str, ArraySpec]":
 def derived_arrays() -> "Mapping[str, ArraySpec]":
     """Return the derived arrays that the standard names."""
     return _arrays(read_toml("kinds.toml")["derived"])
+
+
+def derived_name_fault(name: str, kind: str | None) -> str | None:
+    """Say why a derived array cannot have a name, in a few words; None where it can (DRV-007).
+
+    Parameters
+    ----------
+    name : str
+        ``<name>`` of ``derived/<stream>/<name>``.
+    kind : str or None
+        The kind of the stream that it is computed from; None where it is not known.
+    """
+    if _DERIVED_OF_THIRD_PARTY.fullmatch(name):
+        return None
+    spec = derived_arrays().get(name)
+    if spec is None:
+        return f"expected {', '.join(derived_arrays())} or <vendor>__<name>"
+    if kind is None or kind in spec.kinds:
+        return None
+    return f"which is computed from streams of the kind {' or '.join(spec.kinds)}"
 
 
 @cache

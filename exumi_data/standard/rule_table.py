@@ -1,4 +1,4 @@
-"""The rules of the standard."""
+"""The rules of the standard, and the places of what breaks them."""
 
 from dataclasses import dataclass, field
 from functools import cache
@@ -10,7 +10,7 @@ from exumi_data.standard.toml_data import read_toml
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["LEVELS", "RULE_FILES", "Level", "Rule", "Severity", "rules"]
+__all__ = ["LEVELS", "RULE_FILES", "Level", "Place", "Rule", "Severity", "places", "rules"]
 
 RULE_FILES = (
     "documents",
@@ -37,6 +37,30 @@ low-dimensional arrays and how they agree; every byte and every frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """What the path, the pointer and the index of a finding are.
+
+    Attributes
+    ----------
+    name : str
+    path : str
+        What the path names.
+    pointer : bool
+        Whether there is a JSON pointer.
+    index : str or None
+        What the index counts; None where there is none, and each such finding is one of its own.
+    text : str
+        What is found there.
+    """
+
+    name: str
+    path: str
+    text: str
+    pointer: bool = False
+    index: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
     """One rule of the standard.
 
@@ -57,6 +81,8 @@ class Rule:
         What to do about it.
     anchor : str
         Where the rule stands, below ``spec/<version>/``.
+    places : tuple of str
+        Names of the places that its findings may have.
     since : str
         Format version that has it.
     limits : dict
@@ -71,6 +97,7 @@ class Rule:
     suggestion: str
     anchor: str
     since: str
+    places: tuple[str, ...] = ()
     limits: "Mapping[str, float]" = field(default_factory=dict)
 
     @property
@@ -80,13 +107,20 @@ class Rule:
 
 
 @cache
+def places() -> "Mapping[str, Place]":
+    """Return all places of findings by name."""
+    entries = read_toml("places.toml")["place"]
+    return MappingProxyType({entry["name"]: Place(**entry) for entry in entries})
+
+
+@cache
 def rules() -> "Mapping[str, Rule]":
     """Return all rules by id, in the order of the specification."""
     found: dict[str, Rule] = {}
     for name in RULE_FILES:
         for entry in read_toml(f"rules/{name}.toml").get("rule", []):
             limits = MappingProxyType(entry.pop("limits", {}))
-            rule = Rule(**entry, limits=limits)
+            rule = Rule(**{**entry, "places": tuple(entry.get("places", ()))}, limits=limits)
             if rule.id in found:
                 msg = f"there are two rules {rule.id}"
                 raise ValueError(msg)

@@ -23,6 +23,7 @@ from exumi_data.model.documents import (
 from exumi_data.model.episode import DerivedItem, DerivedMetadata, EpisodeMetadata
 from exumi_data.model.images import ArrayImages, EncodedImages, VideoImages
 from exumi_data.model.streams import Stream
+from exumi_data.standard import derived_name_fault
 from exumi_data.store.files import (
     claim_folder,
     replace_folder,
@@ -265,6 +266,16 @@ class EpisodeWriter:
                 fix="Names are lower-case letters, digits and _, and begin with a letter.",
             )
 
+    def _check_derived(self, stream: str, name: str, kind: str | None) -> None:
+        # A newer minor version may name arrays that this one does not know.
+        fault = None if self.derived.is_newer_minor else derived_name_fault(name, kind)
+        if fault:
+            raise UsageError(
+                f"derived/{stream}/{name} has a name that means nothing: {fault}",
+                where=self.path,
+                fix="Correct its spelling, or name an array of your own <vendor>__<name>.",
+            )
+
     def _make(self, name: str, model: Any) -> StreamWriter:
         folder = self._partial / "streams" / name
         images = getattr(model, "images", None)
@@ -298,7 +309,8 @@ class EpisodeWriter:
         Parameters
         ----------
         stream, name : str
-            It is stored as ``derived/<stream>/<name>``.
+            It is stored as ``derived/<stream>/<name>``. A name of the registry, or your own of the
+            form ``<vendor>__<name>``.
         values : ndarray
             Such as activity (N,) float32 or salient (K,) int64.
         algorithm : str
@@ -313,11 +325,12 @@ class EpisodeWriter:
         MetadataError
             A field is wrong.
         UsageError
-            A name is none, or the array cannot be stored.
+            A name is none or means nothing, or the array cannot be stored.
         """
         self._check_open()
         self._check_name(stream)
         self._check_name(name)
+        self._check_derived(stream, name, None)  # the stream may be added later
         array = self._storable(name, values)
         given = {"parameters": parameters or {}, "inputs": inputs or [], **fields}
         try:
@@ -344,15 +357,18 @@ class EpisodeWriter:
         MetadataError
             The metadata as a whole breaks the standard.
         UsageError
-            A stream was not written whole, or a derived array has no stream.
+            A stream was not written whole, or a derived array has no stream, or one of a kind that
+            it is not computed from.
         EpisodeExistsError
             Another process finished this episode meanwhile.
         """
         if self._done:
             return self.path
         for key in self._derived:
-            if key.partition("/")[0] not in self._streams:
+            stream, _, name = key.partition("/")
+            if stream not in self._streams:
                 raise UsageError(f"derived/{key} belongs to no stream", where=self.path)
+            self._check_derived(stream, name, self._streams[stream].model.kind)
         streams: dict[str, Any] = {name: w.finish() for name, w in self._streams.items()}
         self.metadata.streams = streams
         self._write_derived()

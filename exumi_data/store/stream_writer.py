@@ -24,6 +24,7 @@ from exumi_data.model.streams import (
 )
 from exumi_data.store import jpeg
 from exumi_data.store.shards import ArrayWriter, Bytes, crc32c
+from exumi_data.time import NS_PER_S, apply_clock
 
 __all__ = ["DataStreamWriter", "EncodedStreamWriter", "StreamWriter", "VideoStreamWriter"]
 
@@ -491,9 +492,19 @@ class VideoStreamWriter(StreamWriter):
         self._offset.append(np.zeros(1, np.uint64))
 
     def append_file(
-        self, source: Path | bytes, file: VideoFile, *, pts: np.ndarray, keyframe: np.ndarray
+        self,
+        source: Path | bytes,
+        file: VideoFile,
+        *,
+        pts: np.ndarray,
+        keyframe: np.ndarray,
+        time: Any = None,
+        **beside: Any,
     ) -> None:
         """Append one container file and the times of its frames.
+
+        `time` is what the pts and the stream's clock give. A clock that names a `raw_time` has no
+        part in the pts: then `time` is given, with the array that it was computed from.
 
         Parameters
         ----------
@@ -505,13 +516,19 @@ class VideoStreamWriter(StreamWriter):
             Presentation time of each frame, ascending, in units of the file's time base.
         keyframe : (n,) int
             For each frame, the index *within this file* of the frame to start decoding from.
+        time : (n,) int64, optional
+            Nanoseconds since the episode's start, where the clock names a `raw_time`.
+        **beside
+            `time_host`, `time_device`, `sequence`, `flags`, each (n,): see the standard, section
+            Time.
 
         Raises
         ------
         UsageError
             Times do not increase, the arrays differ in length, a keyframe is not at or before its
-            frame, or the file has another size. Nothing was appended, unless the file changed
-            while it was read: then the stream cannot be finished.
+            frame, the file has another size, or `time` is given without a `raw_time` or missing
+            beside one. Nothing was appended, unless the file changed while it was read: then the
+            stream cannot be finished.
         """
         pts = _whole_numbers(pts, np.int64, "pts", self.name)
         keyframe = _whole_numbers(keyframe, np.int64, "keyframe", self.name)
@@ -519,13 +536,24 @@ class VideoStreamWriter(StreamWriter):
             raise UsageError(f"{len(pts)} pts, {len(keyframe)} keyframes", where=self.name)
         if (keyframe < 0).any() or (keyframe > np.arange(len(keyframe))).any():
             raise UsageError("a keyframe is not at or before its frame", where=self.name)
+        if unknown := set(beside) - set(_EXTRA):
+            raise UsageError(
+                f"no array {min(unknown)} comes with a video's frames", where=self.name
+            )
+        if (time is None) != (self.model.clock.raw_time is None):
+            raise UsageError(
+                "times are given where the clock names a raw_time, and only there",
+                where=self.name,
+                fix="Without a raw_time they follow from pts, start_ns and the clock.",
+            )
         size = len(source) if isinstance(source, bytes) else source.stat().st_size
         if size != file.bytes:
             raise UsageError(
                 f"{file.name} has {size} bytes, its metadata says {file.bytes}", where=self.name
             )
-        scale = Fraction(file.time_base) * 1_000_000_000
-        columns = self._checked([file.start_ns + round(p * scale) for p in pts.tolist()], {})
+        columns = self._checked(self._times_of(pts, file) if time is None else time, beside)
+        if len(columns["time"]) != len(pts):
+            raise UsageError(f"{len(columns['time'])} times, {len(pts)} pts", where=self.name)
         columns["file"] = np.full(len(pts), len(self._files), np.uint32)
         columns["pts"] = pts
         columns["keyframe"] = (keyframe + self.count).astype(np.uint64)
@@ -536,6 +564,25 @@ class VideoStreamWriter(StreamWriter):
                 raise UsageError(f"{file.name} changed while it was read", where=self.name)
             self._offset.append(np.array([self._position], np.uint64))
         self._files.append(file)
+
+    def _times_of(self, pts: np.ndarray, file: VideoFile) -> Any:
+        """Return the times that pts and clock give: exact, and rounded as the standard says."""
+        scale = Fraction(file.time_base) * NS_PER_S
+        half = Fraction(1, 2)
+        raw = [file.start_ns + math.floor(instant * scale + half) for instant in pts.tolist()]
+        clock = self.model.clock
+        if clock.is_identity or not raw:
+            return raw
+        try:
+            return apply_clock(
+                np.array(raw, dtype=np.int64),
+                t_ref=clock.t_ref_ns,
+                drift_ppm=clock.drift_ppm,
+                offset_ns=clock.offset_ns,
+                latency_ns=clock.latency_ns,
+            )
+        except (ValueError, OverflowError) as error:
+            raise UsageError(str(error), where=self.name) from None
 
     def _copy(self, source: Path | bytes) -> None:
         if isinstance(source, bytes):

@@ -13,6 +13,7 @@ from pathlib import Path
 from corpus.all_cases import invalid, valid
 from corpus.case import Case
 from corpus.descriptions import describable, description
+from corpus.edits import edits
 
 HERE = Path(__file__).resolve().parent
 VERSION = "1.0"
@@ -39,6 +40,8 @@ def corpus() -> dict[str, bytes]:
         if describable(case):
             files = description(case)
             found |= {f"writing/{case.name}/{path}": data for path, data in files.items()}
+    for edit in edits():
+        found |= {f"editing/{edit.name}/{path}": data for path, data in edit.output().items()}
     return found
 
 

@@ -8,6 +8,7 @@ change what they show; afterwards run ``generate.py``.
 import io
 import sys
 import tempfile
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -18,8 +19,11 @@ SOURCES = Path(__file__).parent / "sources"
 SIDE = 16
 # Cases of datasets whose episodes are not the two that the others have.
 OWN_CATALOG = (
+    "SET-002__other_id",
+    "SET-003__folder_and_zip",
     "SET-007__egg_of_rice",
     "SET-008__seven_and_three",
+    "SHARD-002__in_a_dataset",
     "SPLIT-006__eggs",
     "SPLIT-007__no_part",
     "SPLIT-009__egg",
@@ -65,6 +69,24 @@ def video() -> bytes:
     return buffer.getvalue()
 
 
+def grey_video() -> bytes:
+    """Return an AVI file of 8 grey JPEG frames at 10 frames/s, as a camera without colour gives."""
+    buffer = io.BytesIO()
+    with av.open(buffer, "w", format="avi", options={"fflags": "+bitexact"}) as container:
+        stream = container.add_stream("mjpeg", rate=10)
+        stream.width = stream.height = 32
+        stream.pix_fmt = "yuvj420p"  # its encoder has no grey; frames come from another one
+        stream.codec_context.flags |= 1 << 23  # bitexact: no version in the stream
+        for index in range(8):
+            packet = av.Packet(grey_jpeg(picture(index, 32)))
+            packet.stream = stream
+            packet.pts = packet.dts = index
+            packet.time_base = Fraction(1, 10)
+            packet.is_keyframe = True
+            container.mux(packet)
+    return buffer.getvalue()
+
+
 def catalog(files: dict[str, bytes]) -> bytes:
     """Return the catalog of a dataset of these episodes, as the library writes it."""
     from exumi_data.catalog import build_catalog, write_catalog
@@ -89,6 +111,7 @@ def main() -> int:
         (SOURCES / f"frame_{index}.jpg").write_bytes(jpeg(picture(index, SIDE)))
     (SOURCES / "frame_large.jpg").write_bytes(jpeg(picture(9, 2 * SIDE)))
     (SOURCES / "clip.mp4").write_bytes(video())
+    (SOURCES / "clip_grey.avi").write_bytes(grey_video())
     (SOURCES / "frame_grey.jpg").write_bytes(grey_jpeg(picture(0, SIDE)))
     (SOURCES / "catalog.parquet").write_bytes(catalog(episodes()))
     (SOURCES / "catalog_packed.parquet").write_bytes(catalog(packed_episodes()))

@@ -67,6 +67,21 @@ def test_what_cannot_be_listed_is_not_an_empty_dataset(corpus: Path, tmp_path: P
     assert "ENOTDIR" in done.stderr
 
 
+@built
+@pytest.mark.parametrize(
+    ("case", "message"),
+    [
+        ("short_compressed", "streams/pose/time: a chunk has 24 bytes, expected 32"),
+        ("long_compressed", "streams/pose/time: a chunk has 40 bytes, expected 32"),
+        ("short_uncompressed", "streams/rgb/data: a chunk has 12 bytes, expected 16"),
+        ("long_uncompressed", "streams/rgb/data: a chunk has 20 bytes, expected 16"),
+    ],
+)
+def test_a_chunk_of_another_length_is_refused(corpus: Path, case: str, message: str) -> None:
+    done = read(corpus / "invalid" / f"SHARD-005__{case}" / "store.zarr")
+    assert (done.returncode, done.stderr) == (1, f"refused: {message}\n")
+
+
 @pytest.mark.parametrize(
     ("options", "code", "word"), [((), 0, "SKIPPED"), (("--require",), 1, "FAILED")]
 )

@@ -43,7 +43,8 @@ def judge_shards(episode: HasFiles, path: str, document: ArrayDocument) -> Itera
     Yields
     ------
     Problem
-        Of the rules SHARD-001 to 004, and SHARD-006.
+        Of the rules SHARD-001 to 004, and SHARD-006; and of SHARD-005 what the index tells: the
+        lengths of uncompressed chunks.
     """
     present = _present(episode.listing, path, document)
     missing = document.shards - len(present)
@@ -57,7 +58,7 @@ def judge_shards(episode: HasFiles, path: str, document: ArrayDocument) -> Itera
             detail=document.shard_path(first),
         )
     for shard in sorted(present):
-        yield from _judge_shard(episode, f"{path}/{document.shard_path(shard)}", document, shard)
+        yield from _judge_shard(episode, path, document, shard)
 
 
 def _present(listing: Listing, path: str, document: ArrayDocument) -> set[int]:
@@ -72,21 +73,14 @@ def _present(listing: Listing, path: str, document: ArrayDocument) -> set[int]:
 
 
 def _judge_shard(
-    episode: HasFiles, file: str, document: ArrayDocument, shard: int
+    episode: HasFiles, path: str, document: ArrayDocument, shard: int
 ) -> Iterator[Problem]:
+    file = f"{path}/{document.shard_path(shard)}"
     size = episode.listing.files[file]
     length = document.chunks_per_shard * 16 + 4
-    if size < length:
-        detail = f"it has {size} bytes, its index alone has {length}"
-        yield problem("SHARD-002", file, detail=detail)
-        return
-    try:
-        raw = episode.store.read_range(file, size - length, length)
-    except (ExumiError, OSError) as error:
-        yield problem("SHARD-002", file, detail=f"it cannot be read: {error}")
-        return
-    if crc32c(raw[:-4]) != int.from_bytes(raw[-4:], "little"):
-        yield problem("SHARD-002", file, detail="its index has a wrong checksum")
+    raw = _index_of(episode, file, length)
+    if isinstance(raw, str):
+        yield problem("SHARD-002", file, detail=raw)
         return
     rows = min(document.shard_rows, document.shape[0] - shard * document.shard_rows)
     chunks = -(-rows // document.chunk_rows)
@@ -106,9 +100,29 @@ def _judge_shard(
         detail = f"inner chunk {int(outside.argmax())} lies outside the shard"
         yield problem("SHARD-002", file, detail=detail)
         return
+    lengths = index[:, 1] != document.chunk_bytes
+    if not document.zstd and lengths.any():
+        first = int(lengths.argmax())
+        detail = f"has {int(index[first, 1])} bytes, expected {document.chunk_bytes}"
+        yield problem("SHARD-005", path, detail=f"inner chunk {first} of {file} {detail}")
+        return
     if not document.zstd:
         yield from _judge_order(file, index, document.chunk_bytes)
     yield from _judge_body(file, index, size - length)
+
+
+def _index_of(episode: HasFiles, file: str, length: int) -> bytes | str:
+    """Return the bytes of a shard's index with its checksum, or what is wrong with it."""
+    size = episode.listing.files[file]
+    if size < length:
+        return f"it has {size} bytes, its index alone has {length}"
+    try:
+        raw = episode.store.read_range(file, size - length, length)
+    except (ExumiError, OSError) as error:
+        return f"it cannot be read: {error}"
+    if crc32c(raw[:-4]) != int.from_bytes(raw[-4:], "little"):
+        return "its index has a wrong checksum"
+    return raw
 
 
 def _is_all(raw: bytes, body: int, document: ArrayDocument) -> bool:
@@ -133,12 +147,6 @@ def _judge_body(file: str, index: np.ndarray, body: int) -> Iterator[Problem]:
 
 
 def _judge_order(file: str, index: np.ndarray, chunk_bytes: int) -> Iterator[Problem]:
-    lengths = index[:, 1] != chunk_bytes
-    if lengths.any():
-        first = int(lengths.argmax())
-        detail = f"inner chunk {first} has {int(index[first, 1])} bytes, expected {chunk_bytes}"
-        yield problem("SHARD-002", file, detail=detail)
-        return
     starts = np.arange(len(index), dtype=np.uint64) * np.uint64(chunk_bytes)
     moved = index[:, 0] != starts
     if moved.any():

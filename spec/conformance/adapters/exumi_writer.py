@@ -16,6 +16,7 @@ from exumi_data.errors import ExumiError
 from exumi_data.model import EpisodeMetadata, VideoFile
 from exumi_data.model.clock import Clock
 from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_data.store.stream_writer import VideoStreamWriter
 
 NOT_SUPPORTED = 3
 BESIDE_TIME = ("time_host", "time_device", "sequence", "flags", "raw")
@@ -47,7 +48,11 @@ def write_stream(writer: EpisodeWriter, folder: Path, about: dict[str, Any]) -> 
     if "frames" in about:
         stream.append(time, [(folder / name).read_bytes() for name in about["frames"]], **beside)
     elif "videos" in about:
-        write_videos(stream, folder, about["videos"], videos, arrays)
+        if clock.raw_time is not None:
+            beside["time"] = time  # else it follows from the pts
+        contents = [(folder / name).read_bytes() for name in about["videos"]]
+        index = {name: arrays.pop(name) for name in ("file", "pts", "keyframe")}
+        write_videos(stream, videos, contents, index, beside)
     elif len(time):
         stream.append(time, arrays.pop("data"), **beside)
     else:
@@ -61,19 +66,23 @@ def write_stream(writer: EpisodeWriter, folder: Path, about: dict[str, Any]) -> 
 
 
 def write_videos(
-    stream: Any,
-    folder: Path,
-    names: list[str],
+    stream: VideoStreamWriter,
     files: list[VideoFile],
-    arrays: dict[str, np.ndarray],
+    contents: list[bytes],
+    index: dict[str, np.ndarray],
+    beside: dict[str, np.ndarray],
 ) -> None:
     """Write the video files of a stream."""
-    of_file, pts, keyframe = (arrays.pop(name) for name in ("file", "pts", "keyframe"))
-    for index, (name, file) in enumerate(zip(names, files, strict=True)):
-        own = np.flatnonzero(of_file == index)
+    for number, (file, content) in enumerate(zip(files, contents, strict=True)):
+        own = np.flatnonzero(index["file"] == number)
         first = int(own[0]) if len(own) else 0
-        starts = keyframe[own].astype(np.int64) - first
-        stream.append_file((folder / name).read_bytes(), file, pts=pts[own], keyframe=starts)
+        stream.append_file(
+            content,
+            file,
+            pts=index["pts"][own],
+            keyframe=index["keyframe"][own].astype(np.int64) - first,
+            **{name: values[own] for name, values in beside.items()},
+        )
 
 
 def write(folder: Path, target: Path) -> None:

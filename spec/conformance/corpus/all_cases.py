@@ -17,13 +17,14 @@ from corpus.quality_timing import timing_cases
 from corpus.quality_touch import touch_cases
 from corpus.valid import valid_cases
 from corpus.valid_combinations import combined_cases
+from corpus.valid_videos import video_cases
 
 __all__ = ["invalid", "valid"]
 
 
 def valid() -> list[Case]:
     """Return the cases in which nothing is to be found."""
-    return _checked([*valid_cases(), *combined_cases()], findings=False)
+    return _checked([*valid_cases(), *combined_cases(), *video_cases()], findings=False)
 
 
 def invalid() -> list[Case]:

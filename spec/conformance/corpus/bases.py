@@ -199,8 +199,11 @@ def pixels(**metadata: Any) -> Draft:
     return draft
 
 
-def video(clip: bytes | None = None, **metadata: Any) -> Draft:
-    """Return an episode with a video file kept as it was: 8 frames, keyframes 0 and 4."""
+def video(clip: bytes | None = None, *, kind: str = "rgb", **metadata: Any) -> Draft:
+    """Return an episode with a video file kept as it was: 8 frames, keyframes 0 and 4.
+
+    The stream has the name of its kind.
+    """
     draft = Draft(**metadata)
     clip = clip or (SOURCES / "clip.mp4").read_bytes()
     file = {
@@ -212,13 +215,13 @@ def video(clip: bytes | None = None, **metadata: Any) -> Draft:
         "bytes": len(clip),
     }
     draft.stream(
-        "rgb",
-        "rgb",
+        kind,
+        kind,
         images=images_of("video", height=32, width=32, files=[file]),
         nominal_rate="10",
         clock={"source": "container", "stamp_point": "container_pts"},
     )
-    base = "streams/rgb"
+    base = f"streams/{kind}"
     draft.put(f"{base}/time", times(8))
     data = np.frombuffer(clip, dtype=np.uint8)
     draft.put(f"{base}/data", data, names=("byte",), zstd=False)

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from corpus import bases
+from corpus import bases, zstd_frames
 from corpus.case import EXUMI, Case, Finding, case
 from corpus.draft import Draft, crc32c
+from corpus.valid_videos import corrected, stamped_by_the_host
 
 __all__ = ["array_cases"]
 
@@ -82,6 +83,29 @@ def _chunk_cases() -> Iterator[Case]:
     draft.put("derived/tactile/activity", activity)
     at = Finding("ARR-004", "derived/tactile/activity/zarr.json", "/shape")
     yield case("ARR-004__activity", "Activity of five frames of four.", draft, at)
+
+
+def _length_cases() -> Iterator[Case]:
+    """Chunks that are shorter or longer than the document says, in a sound shard."""
+    times = f"{POSE}/time/c/0"
+    for name, count in (("short", 3), ("long", 5)):
+        draft = bases.poses()
+        rows = np.array([0, 1, 2, 3, 4][:count], dtype=np.int64) * bases.FRAME_NS
+        chunk = zstd_frames.frame(rows.tobytes())
+        draft.blobs[times] = _shard_of(chunk, np.array([[0, len(chunk)]], dtype="<u8"))
+        at = Finding("SHARD-005", f"{POSE}/time")
+        about = f"A compressed chunk of {count} samples in place of four."
+        yield case(f"SHARD-005__{name}_compressed", about, draft, at)
+    frames = "streams/rgb/data/c/0/0/0/0"
+    for name, change in (("short", -4), ("long", 4)):
+        draft = bases.pixels()
+        body, index = _index_of(draft.blobs[frames], 4)
+        body = body + bytes(change) if change > 0 else body[:change]
+        index[3, 1] = int(index[3, 1]) + change
+        draft.blobs[frames] = _shard_of(body, index)
+        at = Finding("SHARD-005", "streams/rgb/data")
+        about = f"An uncompressed frame of {16 + change} bytes in place of 16."
+        yield case(f"SHARD-005__{name}_uncompressed", about, draft, at)
 
 
 def _with_time(draft: Draft, values: list[int]) -> Draft:
@@ -213,6 +237,14 @@ def _frame_cases() -> Iterator[Case]:
     draft.put("streams/rgb/time", time)
     at = Finding("VID-005", "streams/rgb/time", index=3)
     yield case("VID-005__moved", "A time that the file does not know.", draft, at)
+    draft = corrected()
+    draft.put("streams/rgb/time", bases.times(8) + 5_000_000_000)
+    at = Finding("VID-005", "streams/rgb/time", index=0)
+    yield case("VID-005__not_corrected", "The pts' times, as if there were no clock.", draft, at)
+    draft = stamped_by_the_host()
+    draft.put("streams/rgb/time", bases.times(8))
+    at = Finding("TIME-003", "streams/rgb/time", index=1)
+    yield case("TIME-003__of_pts", "The pts' times where stamps are the raw times.", draft, at)
 
 
 def _finite_cases() -> Iterator[Case]:
@@ -233,6 +265,7 @@ def array_cases() -> Iterator[Case]:
     """Yield the cases of the level of arrays."""
     yield from _shard_cases()
     yield from _chunk_cases()
+    yield from _length_cases()
     yield from _time_cases()
     yield from _value_cases()
     yield from _finite_cases()

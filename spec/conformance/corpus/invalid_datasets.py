@@ -20,14 +20,13 @@ def _episode_cases() -> Iterator[Case]:
     yield dataset("SET-001__no_head", "No dataset.json.", at, drop=(HEAD,))
     old, new = place(EGG), place(OTHER)
     moved = {path.replace(old, new): b for path, b in episodes().items() if path.startswith(old)}
-    lost = Finding("CAT-002", CATALOG)
     at = Finding("SET-002", new)
     about = "An episode under another id."
-    yield dataset("SET-002__other_id", about, at, lost, drop=(old,), add=moved)
+    yield dataset("SET-002__other_id", about, at, drop=(old,), add=moved)
     packed = place(EGG, ".zarr.zip")
     again = {packed: zipped(episode(EGG, "egg"))}
     at = Finding("SET-003", packed)
-    yield dataset("SET-003__folder_and_zip", "One id, two episodes.", at, lost, add=again)
+    yield dataset("SET-003__folder_and_zip", "One id, two episodes.", at, add=again)
     extra = {"episodes/a1/readme.txt": b"the best ones\n"}
     at = Finding("SET-004", "episodes/a1/readme.txt")
     yield dataset("SET-004__readme", "A text among the episodes.", at, add=extra)
@@ -39,9 +38,8 @@ def _episode_cases() -> Iterator[Case]:
     yield dataset("SET-006__put_aside", "An episode that was put aside.", at, add=aside)
     broken = {f"{place(RICE)}/streams/width/data/c/0": b""}
     found = Finding("SHARD-002", "streams/width/data/c/0", episode=place(RICE))
-    digest = Finding("CAT-004", CATALOG, index=1)
     about = "Damage in one episode."
-    yield dataset("SHARD-002__in_a_dataset", about, found, digest, replace=broken)
+    yield dataset("SHARD-002__in_a_dataset", about, found, replace=broken)
 
 
 def _head_cases() -> Iterator[Case]:

@@ -1,3 +1,3 @@
-"""What the three harnesses share. Only Python's standard library: third parties run it."""
+"""What the harnesses share. Only Python's standard library: third parties run it."""
 
 __all__: list[str] = []

@@ -8,7 +8,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-__all__ = ["CORPUS", "Case", "chosen_cases", "chosen_descriptions", "json_at", "rules"]
+__all__ = [
+    "CORPUS",
+    "Case",
+    "chosen_cases",
+    "chosen_descriptions",
+    "chosen_edits",
+    "json_at",
+    "rules",
+]
 
 CORPUS = Path(__file__).resolve().parents[1] / "1.0"
 """The corpus beside this program."""
@@ -74,11 +82,20 @@ def _matches(case: Case, pattern: str) -> bool:
 
 def chosen_descriptions(corpus: Path, *, only: list[str]) -> list[Path]:
     """List the folders of the episodes that a writer is to write, in order of their names."""
-    folders = sorted(path.parent for path in corpus.glob("writing/*/description.json"))
+    return _chosen_folders(corpus, "writing/*/description.json", only)
+
+
+def chosen_edits(corpus: Path, *, only: list[str]) -> list[Path]:
+    """List the folders of the changes that an editor is to make, in order of their names."""
+    return _chosen_folders(corpus, "editing/*/edit.json", only)
+
+
+def _chosen_folders(corpus: Path, pattern: str, only: list[str]) -> list[Path]:
+    folders = sorted(path.parent for path in corpus.glob(pattern))
     return [
         folder
         for folder in folders
-        if not only or any(fnmatch.fnmatchcase(folder.name, pattern) for pattern in only)
+        if not only or any(fnmatch.fnmatchcase(folder.name, chosen) for chosen in only)
     ]
 
 

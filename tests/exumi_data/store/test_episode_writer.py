@@ -21,7 +21,13 @@ from exumi_data.errors import (
     UnsupportedError,
     UsageError,
 )
-from exumi_data.model import CalibrationItem, ExtensionStream, QualityNote, TactileStream
+from exumi_data.model import (
+    CalibrationItem,
+    DerivedMetadata,
+    ExtensionStream,
+    QualityNote,
+    TactileStream,
+)
 from exumi_data.store import files
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.shards import open_array
@@ -195,10 +201,10 @@ def test_derived_arrays_that_cannot_be_stored(tmp_path: Path, values: Any) -> No
     ("spoil", "error"),
     [
         (lambda w: w.metadata.requires.append("acme-feature"), UnsupportedError),
-        (lambda w: w.add_derived("no", "x", np.zeros(3), algorithm="x/1"), UsageError),
+        (lambda w: w.add_derived("no", "activity", np.zeros(3), algorithm="x/1"), UsageError),
         (
             lambda w: w.add_derived(
-                "rgb", "x", np.zeros(3), algorithm="x/1", parameters={"a": float("nan")}
+                "rgb", "salient", np.zeros(3), algorithm="x/1", parameters={"a": float("nan")}
             ),
             MetadataError,
         ),
@@ -224,6 +230,47 @@ def test_what_could_not_be_read_again_is_never_written(
     with pytest.raises(error):
         write()
     assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("activty", "means nothing: expected activity, salient or <vendor>__<name>"),
+        ("acme_slip", "means nothing"),
+        ("acme__", "means nothing"),
+        ("activity", "computed from streams of the kind tactile"),
+    ],
+)
+def test_derived_arrays_that_mean_nothing_are_refused(
+    tmp_path: Path, name: str, message: str
+) -> None:
+    """Whatever the validator calls DRV-007 is refused; of a kind, once the stream is known."""
+
+    def write() -> None:
+        with EpisodeWriter(tmp_path / "a.zarr", metadata()) as writer:
+            writer.add_derived("width", name, np.zeros(3, np.float32), algorithm="x/1")
+            writer.add_stream("width", kind="width", clock=CLOCK)
+
+    with pytest.raises(UsageError, match=message) as caught:
+        write()
+    assert "<vendor>__<name>" in str(caught.value)
+    assert names(tmp_path) == []
+
+
+def test_derived_arrays_of_third_parties_and_of_newer_versions_are_written(tmp_path: Path) -> None:
+    values = np.zeros(3, np.float32)
+    with EpisodeWriter(tmp_path / "a.zarr", metadata()) as writer:
+        writer.add_stream("width", kind="width", clock=CLOCK)
+        writer.add_derived("width", "acme__speed", values, algorithm="x/1")
+    with EpisodeWriter(tmp_path / "b.zarr", metadata(1)) as writer:
+        read: Any = {"format": "exumi-derived", "version": "1.7", "items": {}}
+        writer.derived = DerivedMetadata.model_validate(read, context={"newer_minor": True})
+        writer.add_stream("width", kind="width", clock=CLOCK)
+        writer.add_derived("width", "roughness", values, algorithm="x/1")
+    for name, key in (("a", "width/acme__speed"), ("b", "width/roughness")):
+        with open_episode(tmp_path / f"{name}.zarr") as episode:
+            assert episode.derived is not None
+            assert list(episode.derived.items) == [key]
 
 
 def test_the_name_of_an_episode(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from exumi_data.episode import StreamView, open_episode
 from exumi_data.errors import ExumiError, UsageError
-from exumi_data.model import Frames, VideoImages
+from exumi_data.model import Clock, Frames, VideoImages
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
 from tests.exumi_data.builders import (
@@ -342,10 +342,10 @@ def test_only_some_kinds_have_them(writer: EpisodeWriter) -> None:
 # -------------------------------------------------------------------------------------------- video
 
 
-def video(writer: EpisodeWriter) -> Any:
+def video(writer: EpisodeWriter, clock: Clock = CLOCK) -> Any:
     size: Any = {"height": HEIGHT, "width": WIDTH, "channels": 3}
     images = VideoImages(encoding="video", **size)
-    return writer.add_stream("s", kind="rgb", clock=CLOCK, images=images)
+    return writer.add_stream("s", kind="rgb", clock=clock, images=images)
 
 
 def test_video_files_follow_each_other(writer: EpisodeWriter, tmp_path: Path) -> None:
@@ -395,6 +395,65 @@ def test_a_video_file_that_does_not_fit(
         stream.append_file(content, file, **arrays)
     stream.append_file(content, video_file(content, base), pts=pts, keyframe=keyframes)
     assert len(finished(writer).frames[:]) == 5
+
+
+def test_a_clock_corrects_the_times_of_pts(writer: EpisodeWriter) -> None:
+    content, pts, keyframes, base = clip()
+    clock = CLOCK.model_copy(
+        update={"t_ref_ns": 50, "offset_ns": 10**9, "drift_ppm": 43.0, "latency_ns": 7}
+    )
+    stream = video(writer, clock)
+    file = video_file(content, base)
+    file.start_ns = 50
+    stream.append_file(content, file, pts=pts, keyframe=keyframes)
+    periods = np.arange(len(pts)) * 100_000_000  # ten frames a second
+    expected = periods + periods // 1_000_000 * 43 + 10**9 - 7
+    assert finished(writer).array("time").tolist() == expected.tolist()
+
+
+def test_half_nanoseconds_of_pts_are_rounded_up(writer: EpisodeWriter) -> None:
+    content, _, keyframes, _ = clip()
+    stream = video(writer)
+    file = video_file(content, "1/2000000000")
+    stream.append_file(content, file, pts=[-3, -1, 1, 3, 5], keyframe=keyframes)
+    assert finished(writer).array("time").tolist() == [-1, 0, 1, 2, 3]
+
+
+def test_a_video_with_stamps_of_its_own(writer: EpisodeWriter) -> None:
+    content, pts, keyframes, base = clip()
+    clock = CLOCK.model_copy(update={"raw_time": "time_host", "latency_ns": 5})
+    stream = video(writer, clock)
+    host = np.array([5, 11, 18, 20, 40])
+    arrays: dict[str, Any] = {"pts": pts, "keyframe": keyframes}
+    file = video_file(content, base)
+    with pytest.raises(UsageError, match="where the clock names a raw_time"):
+        stream.append_file(content, file, **arrays)
+    with pytest.raises(UsageError, match="4 times, 5 pts"):
+        stream.append_file(content, file, **arrays, time=host[:4])
+    with pytest.raises(UsageError, match="no array raw comes"):
+        stream.append_file(content, file, **arrays, time=host - 5, raw=host)
+    stream.append_file(content, file, **arrays, time=host - 5, time_host=host, sequence=range(5))
+    view = finished(writer)
+    assert view.array("time").tolist() == [0, 6, 13, 15, 35]
+    assert view.array("time_host").tolist() == host.tolist()
+    assert view.array("sequence").tolist() == list(range(5))
+
+
+def test_times_of_pts_are_not_given(writer: EpisodeWriter) -> None:
+    content, pts, keyframes, base = clip()
+    stream = video(writer)
+    file, arrays = video_file(content, base), {"pts": pts, "keyframe": keyframes}
+    with pytest.raises(UsageError, match="and only there"):
+        stream.append_file(content, file, **arrays, time=range(5))
+    stream.append_file(content, file, **arrays)
+
+
+def test_a_clock_that_leads_out_of_time(writer: EpisodeWriter) -> None:
+    content, pts, keyframes, base = clip()
+    stream = video(writer, CLOCK.model_copy(update={"offset_ns": 2**62 + 1}))
+    with pytest.raises(UsageError, match="must lie within"):
+        stream.append_file(content, video_file(content, base), pts=pts, keyframe=keyframes)
+    writer.abort()
 
 
 def test_a_video_stream_needs_a_file(writer: EpisodeWriter) -> None:

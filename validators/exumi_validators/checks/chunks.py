@@ -15,6 +15,8 @@ __all__ = ["readable"]
 def readable(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that every array can be read to its end; frames are judged at the level of data."""
     for path in episode.array_nodes:
+        # One finding an array: what its index tells, or else what reading it tells.
+        yield from [p for p in episode.shard_problems(path) if p.code == "SHARD-005"][:1]
         stream = episode.stream_of(path)
         are_frames = path.endswith("/data") and stream is not None and images_of(stream)
         if not are_frames and path not in episode.scanned:

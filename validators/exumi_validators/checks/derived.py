@@ -1,11 +1,10 @@
 """Derived arrays: that they are described, belong to a stream, and can be what they claim."""
 
-import re
 from collections.abc import Iterator
 
 import numpy as np
 
-from exumi_data.standard import derived_arrays
+from exumi_data.standard import derived_name_fault
 from exumi_validators.context import EXUMI, EpisodeContext, newer_minor
 from exumi_validators.findings import problem
 from exumi_validators.registry import check
@@ -14,7 +13,6 @@ from exumi_validators.report import Problem
 __all__ = ["activity", "activity_parameters", "described", "names", "salient", "streams"]
 
 _DOCUMENT = "derived/zarr.json"
-_OF_THIRD_PARTY = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*__[a-z0-9][a-z0-9_]*")
 _ACTIVITY_PARAMETERS = ("threshold", "size", "active_above")
 
 
@@ -46,15 +44,11 @@ def names(episode: EpisodeContext) -> Iterator[Problem]:
         return
     for key in episode.derived:
         stream, _, name = key.partition("/")
-        spec, model = derived_arrays().get(name), episode.streams.get(stream)
-        if _OF_THIRD_PARTY.fullmatch(name) or (spec and (not model or model.kind in spec.kinds)):
-            continue
-        if spec and model:
-            detail = f"which is computed from streams of the kind {' or '.join(spec.kinds)}"
-        else:
-            detail = f"expected {', '.join(derived_arrays())} or <vendor>__<name>"
-        pointer = (*EXUMI, "items", key)
-        yield problem("DRV-007", _DOCUMENT, pointer=pointer, found=key, detail=detail)
+        model = episode.streams.get(stream)
+        detail = derived_name_fault(name, model.kind if model else None)
+        if detail:
+            pointer = (*EXUMI, "items", key)
+            yield problem("DRV-007", _DOCUMENT, pointer=pointer, found=key, detail=detail)
 
 
 @check("DRV-006")
