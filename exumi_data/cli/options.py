@@ -1,11 +1,20 @@
 """Options that several verbs share, so that they are called the same everywhere."""
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-__all__ = ["Format", "FormatOption", "QuietOption", "WorkersOption", "epilog"]
+__all__ = [
+    "DataArgument",
+    "Format",
+    "FormatOption",
+    "QuietOption",
+    "WorkersOption",
+    "epilog",
+    "given_path",
+]
 
 
 class Format(StrEnum):
@@ -22,6 +31,39 @@ QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print results 
 WorkersOption = Annotated[
     int | None,
     typer.Option("--workers", "-j", min=1, help="Processes to work with. Default: all cores."),
+]
+
+
+def given_path(text: str) -> Path:
+    """Return the path that a user named; an empty one is refused.
+
+    Python takes it as the current folder, while it comes from a variable that was not set.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    pathlib.Path
+
+    Raises
+    ------
+    UsageError
+        It is empty.
+    """
+    if not text:
+        from exumi_data.errors import UsageError
+
+        raise UsageError("an empty path was given", fix="For the current folder, say: .")
+    return Path(text)
+
+
+DataArgument = Annotated[
+    Path,
+    typer.Argument(
+        parser=given_path, metavar="PATH", help="A dataset, or one episode (.zarr or .zarr.zip)."
+    ),
 ]
 
 

@@ -16,6 +16,7 @@ from exumi_data.catalog import (
     CATALOG_NAME,
     build_catalog,
     list_episodes,
+    obstacle_to_catalog,
     read_catalog,
     rows_to_table,
     write_catalog,
@@ -107,12 +108,14 @@ class CatalogFix:
         for path, reason in self.unreadable.items():
             lines.append(f"  not mended: {show(path)} cannot be read: {show(reason)}")
         if self.blocked is not None:
-            lines.append(f"  not mended: {self.blocked}")
+            lines.append(f"  {self.blocked}")
         if self.needed and not applied:
             lines.append("Nothing was written yet. To do it, add --apply.")
         return "\n".join(lines) + "\n"
 
     def _headline(self, *, applied: bool) -> str:
+        if self.blocked is not None:
+            return f"{CATALOG_NAME}: not mended"
         if not self.needed:
             return f"{CATALOG_NAME}: nothing to mend"
         counts = [
@@ -225,11 +228,11 @@ def _plan(
     old = {} if old_table is None else {row["path"]: row for row in old_table.to_pylist()}
     new = {row["path"]: row for row in built.to_pylist()}
     changed = _changed(context, new)
-    blocked = None
+    blocked = obstacle_to_catalog(root)
     if not accept_changed:
         lost = [path for path in changed if path not in old]
         new |= {path: old[path] for path in changed if path in old}
-        if lost:
+        if lost and blocked is None:
             blocked = (
                 "the old catalog cannot be kept in part, and a new one would forget the change"
             )

@@ -176,3 +176,42 @@ def test_a_full_disk_is_said_with_what_to_do(capfd: pytest.CaptureFixture[str]) 
         full.write(b"x" * 100_000)
     assert ended.value.exit_code == 2
     assert "Free some space" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("verb", READERS)
+def test_an_empty_path_is_not_the_current_folder(
+    exumi: Program, dataset: Path, verb: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(dataset)
+    assert "an empty path was given" in refused(exumi(verb, ""))
+
+
+def test_an_empty_path_of_an_option(exumi: Program, dataset: Path) -> None:
+    assert "empty path" in refused(exumi("validate", dataset, "--config", ""))
+
+
+@pytest.mark.parametrize(
+    ("part", "whole"),
+    [
+        ("episodes", "my-dataset"),
+        ("episodes/01", "my-dataset"),
+        ("dataset.json", "my-dataset"),
+        ("catalog.parquet", "my-dataset"),
+        ("episodes/01/{episode}.zarr/streams", "{episode}.zarr"),
+        ("episodes/01/{episode}.zarr/streams/pose/zarr.json", "{episode}.zarr"),
+    ],
+)
+def test_a_part_of_a_dataset_names_the_whole(
+    exumi: Program, dataset: Path, episode: Path, part: str, whole: str
+) -> None:
+    said = refused(exumi("validate", dataset / part.format(episode=episode.stem)))
+    assert said.rstrip().endswith(whole.format(episode=episode.stem))
+    assert "convert" not in said
+
+
+def test_a_part_is_known_from_inside(
+    exumi: Program, dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(dataset / "episodes")
+    for verb in ("validate", "info"):
+        assert f"Give all of it: {dataset}" in refused(exumi(verb, "."))
