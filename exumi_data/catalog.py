@@ -276,9 +276,12 @@ def obstacle_to_catalog(root: Path) -> str | None:
     path = root / CATALOG_NAME
     if path.is_symlink():
         return f"{CATALOG_NAME} is a link: it is neither followed nor replaced"
-    if path.exists() and not path.is_file():
+    if not path.exists():
+        return None
+    if not path.is_file():
         return f"{CATALOG_NAME} is no file"
-    return None
+    # What it knows would be lost unseen.
+    return None if os.access(path, os.R_OK) else f"{CATALOG_NAME} may not be read"
 
 
 def write_catalog(root: Path, table: "pa.Table") -> Path:
@@ -287,7 +290,9 @@ def write_catalog(root: Path, table: "pa.Table") -> Path:
     Raises
     ------
     UsageError
-        A link stands there, or what is no file.
+        A link stands there, or what is no file, or what may not be read.
+    OSError
+        It cannot be written.
     """
     import pyarrow.parquet as pq
 
@@ -297,8 +302,13 @@ def write_catalog(root: Path, table: "pa.Table") -> Path:
     obstacle = obstacle_to_catalog(root)
     if obstacle is not None:
         raise UsageError(obstacle, where=root, fix="Remove it first.")
-    with atomic_file(target) as temporary:
-        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+    try:
+        with atomic_file(target) as temporary:
+            pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+    except OSError as error:  # Arrow's words name a temporary file
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, os.strerror(error.errno), str(target)) from error
     return target
 
 
@@ -330,7 +340,8 @@ def open_catalog(root: Path) -> "Iterator[pq.ParquetFile]":
                 if mistake is None:
                     yield file
     except (pa.ArrowException, OSError, ValueError) as error:
-        first = str(error).partition("\n")[0]
+        known = error.strerror if isinstance(error, OSError) else None
+        first = known or str(error).partition("\n")[0]
         raise DamagedDataError(f"cannot be read: {first}", where=path) from None
     if mistake:
         raise DamagedDataError(f"cannot be read: {mistake}", where=path)

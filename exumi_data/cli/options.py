@@ -35,9 +35,10 @@ WorkersOption = Annotated[
 
 
 def given_path(text: str) -> Path:
-    """Return the path that a user named; an empty one is refused.
+    """Return the path that a user named; an empty one and a URL are refused.
 
-    Python takes it as the current folder, while it comes from a variable that was not set.
+    Python takes an empty one as the current folder, while it comes from a variable that was not
+    set; and of a URL it drops a slash.
 
     Parameters
     ----------
@@ -51,10 +52,16 @@ def given_path(text: str) -> Path:
     ------
     UsageError
         It is empty.
+    UnsupportedError
+        It is a URL.
     """
-    if not text:
-        from exumi_data.errors import UsageError
+    from exumi_data.errors import UnsupportedError, UsageError
 
+    if "://" in text:
+        raise UnsupportedError(
+            "URLs are not read yet", where=text, fix="Download it and give the local path."
+        )
+    if not text:
         raise UsageError("an empty path was given", fix="For the current folder, say: .")
     return Path(text)
 

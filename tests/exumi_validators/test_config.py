@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from exumi_data.errors import UsageError
+from exumi_data.errors import DamagedDataError, UsageError
 from exumi_data.standard import LEVELS
 from exumi_validators import Problem, find_config, read_config, validate
 from exumi_validators.findings import Collector, problem
@@ -221,3 +221,12 @@ def test_the_example_of_the_manual_is_right(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "validating.md").read_text("utf-8")
     blocks = re.findall(r"^```toml\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
     assert read_config(written(tmp_path, blocks[0])).configuration.suppress
+
+
+def test_a_link_that_leads_in_a_circle(tmp_path: Path) -> None:
+    loop = tmp_path / "loop"
+    loop.symlink_to("loop")
+    mine = written(tmp_path, "")
+    assert find_config(tmp_path, data=loop) == mine
+    with pytest.raises(DamagedDataError, match="is a link"):
+        read_config(loop)

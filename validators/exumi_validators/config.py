@@ -183,8 +183,8 @@ def find_config(
         An ``exumi.toml``, or a ``pyproject.toml`` that has the table ``[tool.exumi]``; None where
         there is neither.
     """
-    start = Path(folder).resolve()
-    judged = None if data is None else _whole(Path(data).resolve())
+    start = _real(folder)
+    judged = None if data is None else _whole(_real(data))
     for place in (start, *start.parents):
         if judged is not None and place.is_relative_to(judged):
             continue
@@ -193,6 +193,11 @@ def find_config(
             if file.is_file() and (name != _PROJECT or _own_table(file)):
                 return file
     return None
+
+
+def _real(path: str | os.PathLike[str]) -> Path:
+    """Follow links; unlike `Path.resolve` also those that lead in a circle."""
+    return Path(os.path.realpath(path))
 
 
 def _whole(data: Path) -> Path:
@@ -206,7 +211,7 @@ def _whole(data: Path) -> Path:
 def _own_table(file: Path) -> dict[str, Any]:
     """Return what of a file is ours."""
     try:
-        document = tomllib.loads(read_plain(file.resolve(), _MAX_BYTES).decode("utf-8"))
+        document = tomllib.loads(read_plain(_real(file), _MAX_BYTES).decode("utf-8"))
     except FileNotFoundError:
         raise UsageError("no such file", where=file) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:

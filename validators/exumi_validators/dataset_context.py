@@ -168,7 +168,7 @@ class DatasetContext:
     def oddities(self) -> list[tuple[str, str]]:
         """What lies among the episodes and is none: (path, ``partial | replaced | foreign``)."""
         base = self.root / EPISODES_FOLDER
-        found = []
+        found = [(EPISODES_FOLDER, "foreign")] if base.is_file() and not base.is_symlink() else []
         folders = sorted(base.iterdir()) if base.is_dir() else []
         for folder in folders:
             entries = [folder]

@@ -53,7 +53,8 @@ def render_junit(report: "Report") -> str:
     for name in ("tests", "failures", "errors"):
         root.set(name, str(sum(int(suite.attrib[name]) for suite in root)))
     ET.indent(root, " ")
-    text = ET.tostring(root, encoding="unicode", xml_declaration=False)
+    # ASCII, so that it is the same document in whatever encoding it is printed.
+    text = ET.tostring(root, encoding="us-ascii", xml_declaration=False).decode("ascii")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 

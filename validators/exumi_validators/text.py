@@ -113,7 +113,7 @@ def _coverage(report: "Report") -> str:
         (done.samples, "sample"),
         (done.frames, "frame"),
     )
-    parts = [_count(count, word) for count, word in counts if count]
+    parts = [_count(count, word) for count, word in counts if count or word == "episode"]
     parts.append(f"{done.rules} rules of exUMI {report.standard}")
     return f"checked {', '.join(done.levels)}: {', '.join(parts)}"
 

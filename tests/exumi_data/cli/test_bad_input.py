@@ -1,7 +1,9 @@
 """Every bad path gives one clear message, exit code 2, and no traceback."""
 
 import json
+import os
 import shutil
+import stat
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -215,3 +217,61 @@ def test_a_part_is_known_from_inside(
     monkeypatch.chdir(dataset / "episodes")
     for verb in ("validate", "info"):
         assert f"Give all of it: {dataset}" in refused(exumi(verb, "."))
+
+
+@pytest.mark.parametrize("verb", READERS)
+def test_urls_are_refused_as_they_were_given(exumi: Program, verb: str) -> None:
+    assert "https://example.org/x: URLs are not read yet" in refused(
+        exumi(verb, "https://example.org/x")
+    )
+
+
+def test_names_cannot_write_to_the_terminal(exumi: Program, tmp_path: Path) -> None:
+    said = refused(exumi("validate", tmp_path / "\x1b[31mred\x07"))
+    assert r"\x1b[31mred\x07: no such file" in said
+    assert "\x1b" not in said
+
+
+def test_a_link_that_leads_in_a_circle(exumi: Program, tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    assert "no such file or folder" in refused(exumi("validate", tmp_path / "loop"))
+
+
+def closed(path: Path, mode: int) -> None:
+    """Take rights away, where that means anything: whoever may do all has them still."""
+    path.chmod(mode)
+    right = os.W_OK if mode & stat.S_IRUSR else os.R_OK
+    if os.access(path, right):
+        path.chmod(0o755)
+        pytest.skip("this user may read and write everything")
+
+
+def test_a_dataset_that_may_not_be_written(exumi: Program, dataset: Path) -> None:
+    (dataset / "catalog.parquet").unlink()
+    closed(dataset, 0o555)
+    for arguments in (("validate", dataset, "--fix", "--apply"), ("index", dataset)):
+        said = refused(exumi(*arguments))
+        assert said == f"error: {dataset}/catalog.parquet: Permission denied\n"
+    dataset.chmod(0o755)
+
+
+def test_a_catalog_that_may_not_be_read_is_not_replaced(exumi: Program, dataset: Path) -> None:
+    catalog = dataset / "catalog.parquet"
+    closed(catalog, 0o000)
+    done = exumi("validate", dataset, "--fix", "--apply")
+    assert "catalog.parquet: not mended\n  catalog.parquet may not be read" in done.stdout
+    assert "CAT-001: catalog.parquet cannot be read: Permission denied" in done.stdout
+    assert "may not be read" in refused(exumi("index", dataset))
+    assert stat.S_IMODE(catalog.stat().st_mode) == 0
+
+
+def test_what_may_not_be_read_is_not_called_missing(
+    exumi: Program, dataset: Path, episode: Path
+) -> None:
+    closed(episode, 0o000)
+    done = exumi("validate", dataset)
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[0] == f"{dataset}: not fully checked"
+    assert "not checked: the folder: Permission denied" in done.stdout
+    assert "ROOT-001" not in done.stdout
+    episode.chmod(0o755)
