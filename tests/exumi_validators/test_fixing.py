@@ -172,3 +172,14 @@ def test_what_is_no_file_of_its_own_is_not_replaced(
     assert not catalog.is_file() or catalog.is_symlink()
     (found,) = [p for p in validate(dataset).problems if p.code == "CAT-001"]
     assert found.message == message
+
+
+def test_many_unreadable_episodes_make_no_endless_text(dataset: Path) -> None:
+    for number in range(30):
+        (dataset / "episodes" / "aa" / f"{number}.zarr").mkdir(parents=True)
+    fix = plan_fix(dataset)
+    assert len(fix.unreadable) == 30
+    lines = fix.to_text(applied=False).splitlines()
+    assert lines[-1] == "  not mended: 10 more"
+    assert len(lines) == 22
+    assert "0.zarr cannot be read: no zarr.json" in lines[1]

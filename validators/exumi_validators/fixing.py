@@ -8,7 +8,7 @@ evidence, which a new catalog would wipe out. Its row stays as it is unless the 
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from itertools import count
+from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from exumi_data.catalog import (
     rows_to_table,
     write_catalog,
 )
-from exumi_data.errors import UnsupportedError, UsageError
+from exumi_data.errors import ExumiError, UnsupportedError, UsageError
 from exumi_validators.dataset_context import DatasetContext
 from exumi_validators.findings import show
 
@@ -105,8 +105,10 @@ class CatalogFix:
             )
             lines.append("  Restore them, or take them as they are with --accept-changed:")
             lines += [f"    {show(path)}" for path in self.changed]
-        for path, reason in self.unreadable.items():
+        for path, reason in islice(self.unreadable.items(), _LISTED):
             lines.append(f"  not mended: {show(path)} cannot be read: {show(reason)}")
+        if len(self.unreadable) > _LISTED:
+            lines.append(f"  not mended: {len(self.unreadable) - _LISTED:,} more")
         if self.blocked is not None:
             lines.append(f"  {self.blocked}")
         if self.needed and not applied:
@@ -236,7 +238,7 @@ def _plan(
             blocked = (
                 "the old catalog cannot be kept in part, and a new one would forget the change"
             )
-    unreadable = {outcome.item: str(outcome.error) for outcome in failed}
+    unreadable = {outcome.item: _reason(outcome.error) for outcome in failed}
     new |= {path: old[path] for path in unreadable if path in old}
     table = rows_to_table(new.values())
     paths = [] if old_table is None else old_table.column("path").to_pylist()
@@ -255,6 +257,11 @@ def _plan(
         blocked=blocked,
     )
     return fix, table
+
+
+def _reason(error: BaseException | None) -> str:
+    """Say why an episode cannot be read; its path is said beside it."""
+    return error.what if isinstance(error, ExumiError) else str(error)
 
 
 def _state(context: DatasetContext) -> str:

@@ -30,7 +30,7 @@ from exumi_validators.episode_run import (
 from exumi_validators.findings import Collector, merged
 from exumi_validators.listing import list_folder
 from exumi_validators.plugins import installed
-from exumi_validators.registry import Check, checks_of
+from exumi_validators.registry import Check, checks_of, reason_of
 from exumi_validators.report import Configuration, Coverage, Problem, Report, Skipped, Unchecked
 
 __all__ = ["dataset_checks", "validate"]
@@ -210,8 +210,7 @@ def _validate_dataset(
             for problem in check(dataset):
                 found.add(problem)
         except (Exception, SystemExit) as error:  # noqa: BLE001  # a check that fails must not hide the others
-            reason = f"{type(error).__name__}: {error}"
-            unchecked.append(Unchecked(".", ", ".join(check.rules), reason[:500]))
+            unchecked.append(Unchecked(".", ", ".join(check.rules), reason_of(error)))
     not_listed.update(found.not_listed)
     suppressed_not_listed.update(found.suppressed_not_listed)
     problems = [*found.problems, *(problem for result in results for problem in result.problems)]
