@@ -12,6 +12,7 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TextIO
 
 import typer
@@ -90,6 +91,11 @@ def _is_of_the_parser(error: Exception) -> bool:
 def _advice(error: OSError) -> str | None:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "Free some space and run the same command again: what was complete is kept."
+    if error.errno == errno.ENOENT and error.filename is None:
+        try:
+            Path.cwd()
+        except FileNotFoundError:
+            return "The folder you work in is no longer there: change to another one."
     return None
 
 

@@ -190,7 +190,11 @@ def find_config(
             continue
         for name in CONFIG_NAMES:
             file = place / name
-            if file.is_file() and (name != _PROJECT or _own_table(file)):
+            # Unlike those of `Path` these say no where the folder may not be looked into.
+            is_link, is_file = os.path.islink(file), os.path.isfile(file)  # noqa: PTH113, PTH114
+            if name == _PROJECT and not (is_file and _own_table(file)):
+                continue
+            if is_file or is_link:  # reading a link says so where it leads nowhere
                 return file
     return None
 

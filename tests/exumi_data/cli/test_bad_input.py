@@ -275,3 +275,37 @@ def test_what_may_not_be_read_is_not_called_missing(
     assert "not checked: the folder: Permission denied" in done.stdout
     assert "ROOT-001" not in done.stdout
     episode.chmod(0o755)
+
+
+def test_a_working_folder_that_is_gone(
+    exumi: Program, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert "The folder you work in is no longer there" in refused(exumi("validate", dataset))
+
+
+def test_a_working_folder_below_one_that_is_closed(
+    exumi: Program, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "outer" / "inner").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "outer" / "inner")
+    closed(tmp_path / "outer", 0o000)
+    done = exumi("validate", dataset)
+    (tmp_path / "outer").chmod(0o755)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_configuration_that_is_a_link(
+    exumi: Program, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    (work / "exumi.toml").symlink_to(tmp_path / "lab.toml")
+    assert "exumi.toml: no such file" in refused(exumi("validate", dataset))
+    (tmp_path / "lab.toml").write_text('[validate.rules]\n"ID-002" = "off"\n')
+    done = exumi("validate", dataset)
+    assert done.returncode == 0, done.stderr
+    assert "ID-002: off" in done.stdout
