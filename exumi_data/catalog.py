@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from exumi_data.engine import Outcome, map_items
 from exumi_data.episode import Episode, open_episode
-from exumi_data.errors import DamagedDataError, ExumiError, MetadataError
+from exumi_data.errors import DamagedDataError, ExumiError, MetadataError, UsageError
 from exumi_data.model.episode import DerivedItem
 from exumi_data.model.streams import images_of
 from exumi_data.store.digest import digest_of
@@ -30,6 +30,7 @@ __all__ = [
     "episode_path",
     "fingerprint",
     "list_episodes",
+    "obstacle_to_catalog",
     "open_catalog",
     "read_catalog",
     "write_catalog",
@@ -264,15 +265,50 @@ def rows_to_table(rows: "Iterable[dict[str, Any]]") -> "pa.Table":
     )
 
 
+def obstacle_to_catalog(root: Path) -> str | None:
+    """Return why ``catalog.parquet`` cannot be written anew; None where it can.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+        The dataset.
+    """
+    path = root / CATALOG_NAME
+    if path.is_symlink():
+        return f"{CATALOG_NAME} is a link: it is neither followed nor replaced"
+    if not path.exists():
+        return None
+    if not path.is_file():
+        return f"{CATALOG_NAME} is no file"
+    # What it knows would be lost unseen.
+    return None if os.access(path, os.R_OK) else f"{CATALOG_NAME} may not be read"
+
+
 def write_catalog(root: Path, table: "pa.Table") -> Path:
-    """Write ``catalog.parquet``, whole or not at all."""
+    """Write ``catalog.parquet``, whole or not at all.
+
+    Raises
+    ------
+    UsageError
+        A link stands there, or what is no file, or what may not be read.
+    OSError
+        It cannot be written.
+    """
     import pyarrow.parquet as pq
 
     from exumi_data.store.files import atomic_file
 
     target = root / CATALOG_NAME
-    with atomic_file(target) as temporary:
-        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+    obstacle = obstacle_to_catalog(root)
+    if obstacle is not None:
+        raise UsageError(obstacle, where=root, fix="Remove it first.")
+    try:
+        with atomic_file(target) as temporary:
+            pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+    except OSError as error:  # Arrow's words name a temporary file
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, os.strerror(error.errno), str(target)) from error
     return target
 
 
@@ -304,7 +340,8 @@ def open_catalog(root: Path) -> "Iterator[pq.ParquetFile]":
                 if mistake is None:
                     yield file
     except (pa.ArrowException, OSError, ValueError) as error:
-        first = str(error).partition("\n")[0]
+        known = error.strerror if isinstance(error, OSError) else None
+        first = known or str(error).partition("\n")[0]
         raise DamagedDataError(f"cannot be read: {first}", where=path) from None
     if mistake:
         raise DamagedDataError(f"cannot be read: {mistake}", where=path)

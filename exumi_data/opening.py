@@ -7,7 +7,7 @@ from exumi_data.dataset import DATASET_DOCUMENT, Dataset, open_dataset
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import NotAnEpisodeError, UnsupportedError
 
-__all__ = ["open"]
+__all__ = ["not_an_episode", "open"]
 
 
 def open(path: str | os.PathLike[str]) -> Dataset | Episode:  # as in tarfile.open
@@ -39,7 +39,7 @@ def open(path: str | os.PathLike[str]) -> Dataset | Episode:  # as in tarfile.op
     """
     text = os.fsdecode(path)
     if not text:
-        raise NotAnEpisodeError("no path was given")
+        raise NotAnEpisodeError("an empty path was given")
     if "://" in text:
         raise UnsupportedError(
             "URLs are not read yet", where=text, fix="Download it and give the local path."
@@ -55,8 +55,33 @@ def open(path: str | os.PathLike[str]) -> Dataset | Episode:  # as in tarfile.op
         return open_dataset(text)
     if is_episode or target.name.endswith(".zarr"):
         return open_episode(text)
-    raise NotAnEpisodeError(
-        "neither a dataset (no dataset.json) nor an episode (no zarr.json)",
-        where=text,
-        fix="Convert other data with: exumi convert SRC DST",
-    )
+    raise not_an_episode(text)
+
+
+def not_an_episode(path: str) -> NotAnEpisodeError:
+    """Return the error for a file or folder that is neither, with what to give instead.
+
+    Parameters
+    ----------
+    path : str
+        A file or folder that is there.
+    """
+    what = "neither a dataset (no dataset.json) nor an episode (no zarr.json)"
+    fix = "Convert other data with: exumi convert SRC DST"
+    if Path(path).is_file():
+        what = "a file that is no packed episode (no zip)"
+        fix = "Give the folder of the dataset or the episode, or a .zarr.zip."
+    around = _around(Path(path))
+    if around is not None:
+        what = f"a part of {'an episode' if around.suffix == '.zarr' else 'a dataset'}"
+        fix = f"Give all of it: {around}"
+    return NotAnEpisodeError(what, where=path, fix=fix)
+
+
+def _around(path: Path) -> Path | None:
+    """Return the episode or dataset that a path lies in."""
+    for place in (*path.parents, *path.absolute().parents):
+        is_episode = place.suffix == ".zarr" and (place / "zarr.json").is_file()
+        if is_episode or (place / DATASET_DOCUMENT).is_file():
+            return place
+    return None

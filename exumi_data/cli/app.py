@@ -5,7 +5,12 @@ from typing import Annotated
 import typer
 
 from exumi_data.cli import convert, demo, index, info, pack, prepare, stats, validate
-from exumi_data.cli.failures import ReportingGroup, open_closed_streams, stop_on_signals
+from exumi_data.cli.failures import (
+    ReportingGroup,
+    escape_what_cannot_be_printed,
+    open_closed_streams,
+    stop_on_signals,
+)
 from exumi_data.cli.options import epilog
 
 __all__ = ["app", "main"]
@@ -65,4 +70,5 @@ def main() -> None:
     """Run the program; ends the process with one of the package's exit codes."""
     stop_on_signals()
     open_closed_streams()
+    escape_what_cannot_be_printed()
     app(prog_name="exumi")

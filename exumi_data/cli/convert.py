@@ -6,7 +6,14 @@ from typing import Annotated
 
 import typer
 
-from exumi_data.cli.options import Format, FormatOption, QuietOption, WorkersOption, epilog
+from exumi_data.cli.options import (
+    Format,
+    FormatOption,
+    QuietOption,
+    WorkersOption,
+    epilog,
+    given_path,
+)
 
 __all__ = ["EPILOG", "run"]
 
@@ -28,11 +35,15 @@ class _Kind(StrEnum):
 
 
 def run(  # noqa: PLR0913, PLR0917  # options of the command line
-    source: Annotated[Path, typer.Argument(metavar="SRC", help="Folder to convert. Only read.")],
+    source: Annotated[
+        Path, typer.Argument(parser=given_path, metavar="SRC", help="Folder to convert. Only read.")
+    ],
     destination: Annotated[
         Path,
         typer.Argument(
-            metavar="DST", help="The dataset: a new or empty folder, or one to go on with."
+            parser=given_path,
+            metavar="DST",
+            help="The dataset: a new or empty folder, or one to go on with.",
         ),
     ],
     from_format: Annotated[
@@ -40,7 +51,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         typer.Option("--from", metavar="FORMAT", help="Format of SRC, such as octopi or clips."),
     ] = None,
     labels: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="Table of labels (octopi).")
+        Path | None,
+        typer.Option(parser=given_path, metavar="CSV", help="Table of labels (octopi)."),
     ] = None,
     licence: Annotated[
         str | None,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exumi_data.cli.options import QuietOption, WorkersOption, epilog
+from exumi_data.cli.options import QuietOption, WorkersOption, epilog, given_path
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,7 +22,9 @@ PICTURE = "contact-sheet.png"
 
 
 def run(
-    out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("exumi-demo"),
+    out: Annotated[
+        Path, typer.Option(parser=given_path, metavar="PATH", help="Folder to write into.")
+    ] = Path("exumi-demo"),
     seed: Annotated[int, typer.Option(min=0, help="Chooses what is left to chance.")] = 7,
     seconds: Annotated[
         float, typer.Option(min=3, max=3600, help="Length of the session, about 5 s a grasp.")

@@ -4,6 +4,7 @@
 """
 
 import errno
+import io
 import os
 import signal
 import sys
@@ -11,6 +12,7 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TextIO
 
 import typer
@@ -23,6 +25,7 @@ __all__ = [
     "COULD_NOT_RUN",
     "FOUND_WRONG",
     "ReportingGroup",
+    "escape_what_cannot_be_printed",
     "open_closed_streams",
     "reported",
     "stop_on_signals",
@@ -88,6 +91,11 @@ def _is_of_the_parser(error: Exception) -> bool:
 def _advice(error: OSError) -> str | None:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "Free some space and run the same command again: what was complete is kept."
+    if error.errno == errno.ENOENT and error.filename is None:
+        try:
+            Path.cwd()
+        except FileNotFoundError:
+            return "The folder you work in is no longer there: change to another one."
     return None
 
 
@@ -96,9 +104,14 @@ def _say(what: str, fix: str | None, error: BaseException) -> None:
         traceback.print_exception(error)
     console = error_console()
     console.print("[bold red]error:[/] ", end="")
-    console.print(what, markup=False)
+    console.print(_printable(what), markup=False)
     if fix:
-        console.print(f"       {fix}", markup=False)
+        console.print(f"       {_printable(fix)}", markup=False)
+
+
+def _printable(text: str) -> str:
+    """Escape what is not printable: names of files may hold codes that terminals obey."""
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
 @contextmanager
@@ -122,7 +135,7 @@ def _show_warning(
 ) -> None:
     console = error_console()
     console.print("[bold yellow]warning:[/] ", end="")
-    console.print(str(message), markup=False)
+    console.print(_printable(str(message)), markup=False)
 
 
 def _leave_pipe() -> None:
@@ -141,6 +154,12 @@ def open_closed_streams() -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123  # for as long as the program runs
+
+
+def escape_what_cannot_be_printed() -> None:
+    """Print letters as escapes that the terminal's or the file's encoding does not have."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def stop_on_signals() -> None:

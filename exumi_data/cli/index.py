@@ -5,7 +5,14 @@ from typing import Annotated
 
 import typer
 
-from exumi_data.cli.options import Format, FormatOption, QuietOption, WorkersOption, epilog
+from exumi_data.cli.options import (
+    Format,
+    FormatOption,
+    QuietOption,
+    WorkersOption,
+    epilog,
+    given_path,
+)
 
 __all__ = ["EPILOG", "run"]
 
@@ -13,7 +20,7 @@ EPILOG = epilog("exumi index my-dataset", "exumi index my-dataset --all")
 
 
 def run(
-    path: Annotated[Path, typer.Argument(metavar="PATH", help="A dataset.")],
+    path: Annotated[Path, typer.Argument(parser=given_path, metavar="PATH", help="A dataset.")],
     everything: Annotated[
         bool,
         typer.Option("--all", help="Read every episode anew, not only those that changed."),

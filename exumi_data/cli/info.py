@@ -1,12 +1,8 @@
 """``exumi info``."""
 
 from dataclasses import asdict
-from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from exumi_data.cli.options import Format, FormatOption, epilog
+from exumi_data.cli.options import DataArgument, Format, FormatOption, epilog
 
 __all__ = ["EPILOG", "run"]
 
@@ -18,9 +14,7 @@ EPILOG = epilog(
 
 
 def run(
-    path: Annotated[
-        Path, typer.Argument(metavar="PATH", help="A dataset, or one episode (.zarr or .zarr.zip).")
-    ],
+    path: DataArgument,
     output: FormatOption = Format.TEXT,
 ) -> None:
     """Show what a dataset or an episode is, on one screen.

@@ -1,11 +1,20 @@
 """Options that several verbs share, so that they are called the same everywhere."""
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-__all__ = ["Format", "FormatOption", "QuietOption", "WorkersOption", "epilog"]
+__all__ = [
+    "DataArgument",
+    "Format",
+    "FormatOption",
+    "QuietOption",
+    "WorkersOption",
+    "epilog",
+    "given_path",
+]
 
 
 class Format(StrEnum):
@@ -22,6 +31,46 @@ QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print results 
 WorkersOption = Annotated[
     int | None,
     typer.Option("--workers", "-j", min=1, help="Processes to work with. Default: all cores."),
+]
+
+
+def given_path(text: str) -> Path:
+    """Return the path that a user named; an empty one and a URL are refused.
+
+    Python takes an empty one as the current folder, while it comes from a variable that was not
+    set; and of a URL it drops a slash.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    pathlib.Path
+
+    Raises
+    ------
+    UsageError
+        It is empty.
+    UnsupportedError
+        It is a URL.
+    """
+    from exumi_data.errors import UnsupportedError, UsageError
+
+    if "://" in text:
+        raise UnsupportedError(
+            "URLs are not read yet", where=text, fix="Download it and give the local path."
+        )
+    if not text:
+        raise UsageError("an empty path was given", fix="For the current folder, say: .")
+    return Path(text)
+
+
+DataArgument = Annotated[
+    Path,
+    typer.Argument(
+        parser=given_path, metavar="PATH", help="A dataset, or one episode (.zarr or .zarr.zip)."
+    ),
 ]
 
 

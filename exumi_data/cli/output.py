@@ -74,7 +74,8 @@ def print_json(document: Any) -> None:
     document : Any
         What `json` can write; NaN and infinity are errors.
     """
-    print(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+    is_utf8 = (sys.stdout.encoding or "").lower().replace("-", "") == "utf8"
+    print(json.dumps(document, indent=2, ensure_ascii=not is_utf8, allow_nan=False))
 
 
 def plain_table(*columns: tuple[str, str], header: bool = True) -> "Table":

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from exumi_data.cli.options import QuietOption, epilog
+from exumi_data.cli.options import QuietOption, epilog, given_path
 
 __all__ = ["EPILOG", "run"]
 
@@ -17,10 +17,18 @@ EPILOG = epilog(
 
 def run(
     episode: Annotated[
-        Path, typer.Argument(metavar="EPISODE", help="An episode's folder, <name>.zarr. It stays.")
+        Path,
+        typer.Argument(
+            parser=given_path, metavar="EPISODE", help="An episode's folder, <name>.zarr. It stays."
+        ),
     ],
     to: Annotated[
-        Path | None, typer.Option(help="The zip to write. Default: <name>.zarr.zip beside it.")
+        Path | None,
+        typer.Option(
+            parser=given_path,
+            metavar="PATH",
+            help="The zip to write. Default: <name>.zarr.zip beside it.",
+        ),
     ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an existing file.")

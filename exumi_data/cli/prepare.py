@@ -5,7 +5,14 @@ from typing import Annotated
 
 import typer
 
-from exumi_data.cli.options import Format, FormatOption, QuietOption, WorkersOption, epilog
+from exumi_data.cli.options import (
+    Format,
+    FormatOption,
+    QuietOption,
+    WorkersOption,
+    epilog,
+    given_path,
+)
 
 __all__ = ["EPILOG", "run"]
 
@@ -18,12 +25,17 @@ EPILOG = epilog(
 
 def run(  # noqa: PLR0913, PLR0917  # options of the command line
     source: Annotated[
-        Path, typer.Argument(metavar="SRC", help="A dataset or an episode. Only read.")
+        Path,
+        typer.Argument(
+            parser=given_path, metavar="SRC", help="A dataset or an episode. Only read."
+        ),
     ],
     destination: Annotated[
         Path,
         typer.Argument(
-            metavar="DST", help="The training set: a new or empty folder, or one to go on with."
+            parser=given_path,
+            metavar="DST",
+            help="The training set: a new or empty folder, or one to go on with.",
         ),
     ],
     size: Annotated[

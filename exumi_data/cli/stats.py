@@ -1,12 +1,18 @@
 """``exumi stats``."""
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from exumi_data.cli.options import Format, FormatOption, QuietOption, WorkersOption, epilog
+from exumi_data.cli.options import (
+    DataArgument,
+    Format,
+    FormatOption,
+    QuietOption,
+    WorkersOption,
+    epilog,
+)
 
 __all__ = ["EPILOG", "run"]
 
@@ -18,9 +24,7 @@ EPILOG = epilog(
 
 
 def run(
-    path: Annotated[
-        Path, typer.Argument(metavar="PATH", help="A dataset, or one episode (.zarr or .zarr.zip).")
-    ],
+    path: DataArgument,
     require: Annotated[
         list[str] | None,
         typer.Option(

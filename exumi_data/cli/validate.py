@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exumi_data.cli.options import QuietOption, WorkersOption, epilog
+from exumi_data.cli.options import DataArgument, QuietOption, WorkersOption, epilog, given_path
 
 if TYPE_CHECKING:
     from exumi_validators import Config, Report
@@ -49,10 +49,7 @@ class _Format(StrEnum):
 
 
 def run(  # noqa: PLR0913, PLR0917  # options of the command line
-    path: Annotated[
-        Path,
-        typer.Argument(metavar="PATH", help="A dataset, or one episode (.zarr or .zarr.zip)."),
-    ],
+    path: DataArgument,
     level: Annotated[
         _Level,
         typer.Option(
@@ -72,9 +69,11 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     config: Annotated[
         Path | None,
         typer.Option(
+            parser=given_path,
             metavar="FILE",
-            help="Rules to judge in another way. Default: the nearest exumi.toml, or "
-            "pyproject.toml with [tool.exumi.validate], in this folder or above it.",
+            help="TOML: rules to judge in another way ([validate.rules]), findings not to count "
+            "([[validate.suppress]]). Default: the nearest exumi.toml, or pyproject.toml (there "
+            "below [tool.exumi]), in this folder or above it.",
         ),
     ] = None,
     no_config: Annotated[
@@ -102,7 +101,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
 ) -> None:
     """Check a dataset or an episode against the standard, and list every problem.
 
-    Exit code 0: valid. 1: invalid. 2: could not run, such as for a path that is not there.
+    Exit code 0: valid. 1: invalid, or not fully checked (the report says what was not, and why). 2:
+    could not run, such as for a path that is not there.
     """
     from exumi_data.engine import warm_up
     from exumi_data.errors import UsageError

@@ -72,3 +72,13 @@ def test_what_it_writes_is_validated_with_it_and_without(
     assert without["coverage"]["rules"] == report["coverage"]["rules"] - 2
     (skipped,) = without["coverage"]["skipped"]
     assert skipped["reason"] == "no installed package describes acme:thermal 1"
+
+
+def test_a_second_run_says_what_to_do(environment: dict[str, str], tmp_path: Path) -> None:
+    command = ("-m", "acme_thermal.recording", tmp_path / "warm.zarr")
+    assert run(environment, *command).returncode == 0
+    again = run(environment, *command)
+    assert again.returncode == 2
+    assert again.stderr.startswith("error: ")
+    assert "already exists" in again.stderr
+    assert "Traceback" not in again.stderr

@@ -108,3 +108,10 @@ def test_validating_writes_nothing(good: Path, tmp_path: Path) -> None:
     before = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*")}
     validate(tmp_path / "e.zarr")
     assert {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*")} == before
+
+
+def test_an_empty_path_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(write_dataset(tmp_path / "d", 1))
+    assert validate(".").valid
+    with pytest.raises(NotAnEpisodeError, match="empty path"):
+        validate("")

@@ -1,5 +1,6 @@
 """What can be mended is mended; evidence stays, and a dry run writes nothing."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -136,3 +137,49 @@ def test_columns_of_others_are_named_before_they_are_dropped(dataset: Path) -> N
 def test_only_datasets_are_mended(dataset: Path) -> None:
     with pytest.raises(UsageError, match="only a dataset's catalog"):
         plan_fix(dataset / list_episodes(dataset)[0])
+
+
+def link(catalog: Path) -> None:
+    catalog.rename(catalog.with_name("elsewhere"))
+    catalog.symlink_to("elsewhere")
+
+
+def folder(catalog: Path) -> None:
+    catalog.unlink()
+    catalog.mkdir()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (link, "catalog.parquet is a link: it is neither followed nor replaced"),
+        (folder, "catalog.parquet is no file"),
+    ],
+)
+def test_what_is_no_file_of_its_own_is_not_replaced(
+    make: Callable[[Path], None], message: str, dataset: Path
+) -> None:
+    catalog = dataset / CATALOG_NAME
+    right = table(dataset)
+    make(catalog)
+    before = sorted(path.name for path in dataset.iterdir())
+    fix = apply_fix(dataset, accept_changed=True)
+    assert not fix.needed
+    assert fix.to_text(applied=True) == f"catalog.parquet: not mended\n  {message}\n"
+    with pytest.raises(UsageError, match=message):
+        write_catalog(dataset, right)
+    assert sorted(path.name for path in dataset.iterdir()) == before
+    assert not catalog.is_file() or catalog.is_symlink()
+    (found,) = [p for p in validate(dataset).problems if p.code == "CAT-001"]
+    assert found.message == message
+
+
+def test_many_unreadable_episodes_make_no_endless_text(dataset: Path) -> None:
+    for number in range(30):
+        (dataset / "episodes" / "aa" / f"{number}.zarr").mkdir(parents=True)
+    fix = plan_fix(dataset)
+    assert len(fix.unreadable) == 30
+    lines = fix.to_text(applied=False).splitlines()
+    assert lines[-1] == "  not mended: 10 more"
+    assert len(lines) == 22
+    assert "0.zarr cannot be read: no zarr.json" in lines[1]

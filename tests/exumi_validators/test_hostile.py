@@ -296,6 +296,29 @@ def test_pipes_and_links_in_a_dataset(
     assert report.coverage.episodes == 1
 
 
+@pytest.mark.parametrize("make", [pipe_at, link_at])
+def test_a_root_document_that_is_no_file(episode: Path, make: Callable[[Path], None]) -> None:
+    make(episode / "zarr.json")
+    (found,) = validate(episode).problems
+    assert (found.code, found.message) == ("ROOT-001", "zarr.json is a link or a special file")
+
+
+def test_episodes_that_are_a_file(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path / "d", 0)
+    (root / "episodes").rmdir()
+    (root / "episodes").write_text("")
+    report = validate(root)
+    assert report.codes()["SET-004"] == 1
+    assert "0 episodes" in report.to_text().splitlines()[1]
+
+
+def test_what_is_not_there_is_called_missing(episode: Path) -> None:
+    edit_metadata(episode, lambda exumi: exumi.pop("format"))
+    (found,) = (p for p in validate(episode).problems if p.code == "DOC-003")
+    assert found.message == "`format` is missing, expected exumi-episode"
+    assert found.found is None
+
+
 def test_an_episode_that_is_a_link_is_neither_listed_nor_followed(tmp_path: Path) -> None:
     root = write_dataset(tmp_path / "d", 2)
     (episode, _) = sorted((root / "episodes").glob("*/*"))
@@ -459,7 +482,7 @@ def test_more_mistakes_than_anyone_reads(tmp_path: Path) -> None:
         writer.finish()
     report = validate(draft)
     (item,) = report.coverage.unchecked
-    assert "stopped after 10,000 findings" in item.reason
+    assert item.reason == "judging was stopped after 10,000 findings"
     assert not report.valid
     assert report.codes()["IMG-006"] == 10_000
 

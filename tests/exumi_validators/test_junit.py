@@ -5,6 +5,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from exumi_data.standard import rules
 from exumi_validators import Coverage, Location, Problem, Report, Skipped, Unchecked
 from exumi_validators.findings import problem
 
@@ -73,6 +74,11 @@ def test_errors_fail_and_warnings_do_not() -> None:
     assert failure.attrib["message"] == f"{ERROR.message} (and 1 more)"
     assert failure.text is not None
     assert "streams/pose/time [9]" in failure.text
+    names = [test.attrib["name"] for test in suite.iter("testcase")]
+    assert names == [
+        f"LIC-002 {rules()['LIC-002'].title} (warning)",
+        f"TIME-001 {rules()['TIME-001'].title}",
+    ]
     (output,) = suite.iter("system-out")
     assert output.text is not None
     assert output.text.startswith("warning LIC-002")
@@ -90,6 +96,8 @@ def test_suppressed_unchecked_and_skipped() -> None:
     messages = [element.attrib["message"] for element in suite.iter("skipped")]
     assert "known" in messages
     assert "nothing to judge by @ streams/a (3 times)" in messages
+    names = [test.attrib["name"] for test in suite.iter("testcase")]
+    assert f"TIME-009 {rules()['TIME-009'].title} (not judged: no events)" in names
 
 
 @pytest.mark.parametrize("text", ["\x00\x1b[2J", "a\ud800b", "]]>", "<x>&\"'", "\ufffe", "\n"])

@@ -93,7 +93,7 @@ def test_a_check_takes_part(install: Install, good: Path) -> None:
     assert report.conformant
     assert "with the checks acme-checks of acme-checks 1.0" in report.to_text()
     assert "acme:X-001" in report.to_sarif()
-    assert "acme:X-001 (warning)" in report.to_junit()
+    assert "acme:X-001 t (warning)" in report.to_junit()
 
 
 def test_a_broken_rule_of_a_third_party_is_no_matter_of_the_standard(

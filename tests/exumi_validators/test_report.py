@@ -1,10 +1,12 @@
 """The report: data first, text made from it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from exumi_data.standard import LEVELS, Level
 from exumi_validators import Coverage, Location, Problem, Report, Unchecked, validate
 from exumi_validators.findings import Collector, json_pointer, problem, show
 from tests.exumi_data.builders import edit_metadata
@@ -108,10 +110,10 @@ def test_a_million_mistakes_make_no_endless_report(episode: Path) -> None:
     assert made.count("error") == 100
     assert made.not_listed == {"META-003": 4_900}
     assert made.codes() == {"META-003": 5_000}
-    assert "... and 4900 more of META-003" in made.to_text(verbose=True)
+    assert "... and 4,900 more of META-003" in made.to_text(verbose=True)
     summed_up = made.to_text()
     assert "invalid (5,000 errors)" in summed_up
-    assert "error META-003: 5,000: not kept: unknown keys are named vendor:name" in summed_up
+    assert "error META-003: 5,000; the rule is: unknown keys are named vendor:name" in summed_up
     assert "... and 4,997 more" in summed_up
     assert len(summed_up.splitlines()) < 40
 
@@ -121,3 +123,18 @@ def test_the_same_problem_is_listed_once() -> None:
     for _ in range(3):
         collector.add(ERROR)
     assert collector.problems == (ERROR,)
+
+
+@pytest.mark.parametrize(
+    ("levels", "verdict"),
+    [
+        (("document",), "valid up to level document"),
+        (("document", "hierarchy", "arrays"), "valid up to level arrays"),
+        (("document", "arrays"), "valid at levels document, arrays"),
+        (LEVELS, "valid"),
+    ],
+)
+def test_a_pass_says_how_far_it_was_looked(levels: tuple[Level, ...], verdict: str) -> None:
+    made = report()
+    made = replace(made, coverage=replace(made.coverage, levels=levels))
+    assert made.to_text().splitlines()[0] == f"{made.path}: {verdict}"

@@ -17,7 +17,7 @@ The file is never looked for beside the data: data must not say how it is judged
 import difflib
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -27,16 +27,30 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.errors import UsageError
+from exumi_data.standard import Level
 from exumi_data.store.plain_files import read_plain
+from exumi_validators.findings import show
 from exumi_validators.plugins import known_rules
 from exumi_validators.report import Configuration, Problem, Reclassified, Suppression
 
 __all__ = ["CONFIG_NAMES", "Config", "find_config", "read_config"]
 
-CONFIG_NAMES = ("exumi.toml", "pyproject.toml")
+_PROJECT = "pyproject.toml"
+CONFIG_NAMES = ("exumi.toml", _PROJECT)
 
 _Severity = Literal["error", "warning", "info", "off"]
 _MAX_BYTES = 1 << 20
+# What a value has to be, by the type of pydantic's error.
+_WANTED = {
+    "literal_error": "error, warning, info or off",
+    "model_type": "a table",
+    "dict_type": "a table",
+    "list_type": "a list of tables, each under [[...]]",
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "string_type": "text",
+    "string_too_short": "a text that says something",
+}
 
 
 class _Table(BaseModel):
@@ -104,10 +118,43 @@ class Config:
                 problem = replace(problem, suppressed=reason)
             else:
                 problem = replace(problem, severity=rule.severity)
+        item = self._suppression_of(problem, episode)
+        return problem if item is None else replace(problem, suppressed=item.reason)
+
+    def _suppression_of(self, problem: Problem, episode: str | None) -> Suppression | None:
+        """Return the first suppression that covers a finding."""
         for item in self.configuration.suppress:
             if item.rule == problem.code and _covers(item.path, problem, episode):
-                return replace(problem, suppressed=item.reason)
-        return problem
+                return item
+        return None
+
+    def told(
+        self, problems: Iterable[Problem], not_listed: Collection[str], levels: Collection[Level]
+    ) -> Configuration:
+        """Return the configuration as the report has it: with what was suppressed in vain.
+
+        Parameters
+        ----------
+        problems : iterable of Problem
+            All that are listed, with the episode in their location.
+        not_listed : collection of str
+            Rules of which there were more suppressed findings than are listed. By which
+            suppression those were is not known.
+        levels : collection of str
+            Levels that were judged.
+        """
+        used = {self._suppression_of(problem, problem.location.episode) for problem in problems}
+        known = known_rules()
+        suppress = tuple(
+            replace(
+                item,
+                unused=item not in used
+                and item.rule not in not_listed
+                and known[item.rule].level in levels,
+            )
+            for item in self.configuration.suppress
+        )
+        return replace(self.configuration, suppress=suppress)
 
 
 def _covers(pattern: str | None, problem: Problem, episode: str | None) -> bool:
@@ -133,19 +180,28 @@ def find_config(
     Returns
     -------
     pathlib.Path
-        An ``exumi.toml``, or a ``pyproject.toml`` that has the table ``[tool.exumi.validate]``;
-        None where there is neither.
+        An ``exumi.toml``, or a ``pyproject.toml`` that has the table ``[tool.exumi]``; None where
+        there is neither.
     """
-    start = Path(folder).resolve()
-    judged = None if data is None else _whole(Path(data).resolve())
+    start = _real(folder)
+    judged = None if data is None else _whole(_real(data))
     for place in (start, *start.parents):
         if judged is not None and place.is_relative_to(judged):
             continue
         for name in CONFIG_NAMES:
             file = place / name
-            if file.is_file() and (name == "exumi.toml" or "validate" in _own_table(file)):
+            # Unlike those of `Path` these say no where the folder may not be looked into.
+            is_link, is_file = os.path.islink(file), os.path.isfile(file)  # noqa: PTH113, PTH114
+            if name == _PROJECT and not (is_file and _own_table(file)):
+                continue
+            if is_file or is_link:  # reading a link says so where it leads nowhere
                 return file
     return None
+
+
+def _real(path: str | os.PathLike[str]) -> Path:
+    """Follow links; unlike `Path.resolve` also those that lead in a circle."""
+    return Path(os.path.realpath(path))
 
 
 def _whole(data: Path) -> Path:
@@ -159,14 +215,16 @@ def _whole(data: Path) -> Path:
 def _own_table(file: Path) -> dict[str, Any]:
     """Return what of a file is ours."""
     try:
-        document = tomllib.loads(read_plain(file.resolve(), _MAX_BYTES).decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        document = tomllib.loads(read_plain(_real(file), _MAX_BYTES).decode("utf-8"))
+    except FileNotFoundError:
+        raise UsageError("no such file", where=file) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise UsageError(
             f"is no TOML: {error}",
             where=file,
             fix="It is read for how to judge. Mend it, or leave it out with --no-config.",
         ) from None
-    if file.name != "pyproject.toml":
+    if file.name != _PROJECT:
         return document
     tool = document.get("tool")
     table = tool.get("exumi") if isinstance(tool, dict) else None
@@ -188,15 +246,16 @@ def read_config(file: str | os.PathLike[str]) -> Config:
     Raises
     ------
     UsageError
-        It is no TOML, or something in it is wrong, such as an unknown rule or a missing reason.
-    OSError
-        It cannot be read.
+        It is not there or no TOML, or something in it is wrong, such as an unknown rule or a
+        missing reason.
+    DamagedDataError, LimitError
+        It is no file, cannot be read, or is larger than a configuration is.
     """
     path = Path(file)
     try:
         table = _File.model_validate(_own_table(path)).validate_
     except ValidationError as error:
-        raise _refusal(path, [_mistake(item) for item in error.errors()]) from None
+        raise _refusal(path, [_mistake(item, path) for item in error.errors()]) from None
     known = known_rules()
     mistakes = [_unknown(code, known) for code in table.rules if code not in known]
     mistakes += [_unknown(item.rule, known) for item in table.suppress if item.rule not in known]
@@ -230,9 +289,18 @@ def read_config(file: str | os.PathLike[str]) -> Config:
 
 
 def _refusal(path: Path, mistakes: list[str]) -> UsageError:
+    ours = f"{_prefix(path)}validate"
     return UsageError(
-        "; ".join(dict.fromkeys(mistakes)), where=path, fix="See: exumi validate --help"
+        "; ".join(dict.fromkeys(mistakes)),
+        where=path,
+        fix=f'Known are [{ours}.rules], such as "ID-002" = "info", and [[{ours}.suppress]] with '
+        "rule, path and reason (docs/validating.md).",
     )
+
+
+def _prefix(path: Path) -> str:
+    """Return what stands before the names of our tables in a file."""
+    return "tool.exumi." if path.name == _PROJECT else ""
 
 
 def _unknown(code: str, known: Mapping[str, object]) -> str:
@@ -240,7 +308,28 @@ def _unknown(code: str, known: Mapping[str, object]) -> str:
     return f"there is no rule {code}" + (f", but {near[0]}" if near else "")
 
 
-def _mistake(item: Any) -> str:
-    place = ".".join(str(part) for part in item["loc"])
-    message = str(item["msg"])
-    return f"{place}: {message[:1].lower()}{message[1:]}"
+def _mistake(item: Any, path: Path) -> str:
+    """Say in our words what pydantic found wrong."""
+    place = tuple(str(part) for part in item["loc"])
+    name = show(_prefix(path) + ".".join(place))
+    if place == ("tool",):
+        return f"[tool.exumi] is for a {_PROJECT}; here the tables have no such prefix"
+    if item["type"] == "extra_forbidden":
+        return f"{name}: no such key; known here: {', '.join(_known_keys(place))}"
+    if item["type"] == "missing":
+        return f"{name}: is missing"
+    wanted = _WANTED.get(item["type"]) or str(item["msg"])
+    return f"{name}: {show(item['input'])} is not {wanted}"
+
+
+def _known_keys(place: tuple[str, ...]) -> Iterable[str]:
+    """Return the keys that a table knows, given the place of one that it does not."""
+    match place:
+        case (_,):
+            return ("validate",)
+        case (_, _):
+            return _Validate.model_fields
+        case (_, "rules", *_):
+            return _Rule.model_fields
+        case _:
+            return _Suppression.model_fields

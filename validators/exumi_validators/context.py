@@ -169,8 +169,10 @@ class EpisodeContext:
             return LoadedDocument(path, mistake=f"the document has more than {limit:,} bytes")
         try:
             return load_document(self.store.read(path), path)
-        except (ExumiError, OSError) as error:
-            return LoadedDocument(path, mistake=f"cannot be read: {error}")
+        except ExumiError as error:
+            return LoadedDocument(path, mistake=error.what)
+        except OSError as error:
+            return LoadedDocument(path, mistake=f"cannot be read ({error.strerror})")
 
     @cached_property
     def root(self) -> LoadedDocument | None:

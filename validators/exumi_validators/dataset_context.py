@@ -9,7 +9,13 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter
 
-from exumi_data.catalog import CATALOG_NAME, EPISODES_FOLDER, list_episodes, open_catalog
+from exumi_data.catalog import (
+    CATALOG_NAME,
+    EPISODES_FOLDER,
+    list_episodes,
+    obstacle_to_catalog,
+    open_catalog,
+)
 from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.errors import DamagedDataError, ExumiError
 from exumi_data.manifest import MANIFEST_NAME
@@ -162,7 +168,7 @@ class DatasetContext:
     def oddities(self) -> list[tuple[str, str]]:
         """What lies among the episodes and is none: (path, ``partial | replaced | foreign``)."""
         base = self.root / EPISODES_FOLDER
-        found = []
+        found = [(EPISODES_FOLDER, "foreign")] if base.is_file() and not base.is_symlink() else []
         folders = sorted(base.iterdir()) if base.is_dir() else []
         for folder in folders:
             entries = [folder]
@@ -200,7 +206,7 @@ class DatasetContext:
                 table: list[dict[str, Any]] = file.read(columns=list(_COMPARED)).to_pylist()
                 return table
         except FileNotFoundError:
-            return "catalog.parquet is missing"
+            return obstacle_to_catalog(self.root) or f"{CATALOG_NAME} is missing"
         except DamagedDataError as error:
             return f"{CATALOG_NAME} {error.what}"
 

@@ -39,7 +39,7 @@ from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import Collector, show
 from exumi_validators.listing import Listing, list_folder, list_zip
 from exumi_validators.plugins import installed
-from exumi_validators.registry import Check, checks_of
+from exumi_validators.registry import Check, checks_of, reason_of
 from exumi_validators.report import Problem, Skipped, Unchecked
 from exumi_validators.touch_measures import coarse
 
@@ -251,8 +251,7 @@ def _judge(
             for problem in check(context):
                 found.add(problem)
         except (Exception, SystemExit) as error:  # noqa: BLE001  # a check that fails must not hide the others
-            reason = f"{type(error).__name__}: {error}"
-            unchecked.append(Unchecked(".", ", ".join(check.rules), reason[:500]))
+            unchecked.append(Unchecked(".", ", ".join(check.rules), reason_of(error)))
 
 
 def _result(

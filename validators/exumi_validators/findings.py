@@ -89,12 +89,16 @@ def problem(
         location=Location(
             path=path, pointer=None if pointer is None else json_pointer(pointer), index=index
         ),
-        message=rule.message.format(path=show(path), index=index, **shown),
+        message=rule.message.format(path=show(path), index=index, **_told(shown)),
         expected=shown["expected"],
         found=shown["found"],
         suggestion=rule.suggestion,
         rule=rule.anchor if "://" in rule.anchor else f"{rule.since}/{rule.anchor}",
     )
+
+
+def _told(shown: dict[str, str | None]) -> dict[str, str]:
+    return {key: "missing" if value is None else value for key, value in shown.items()}
 
 
 class Collector:

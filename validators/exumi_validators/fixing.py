@@ -8,7 +8,7 @@ evidence, which a new catalog would wipe out. Its row stays as it is unless the 
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from itertools import count
+from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +16,12 @@ from exumi_data.catalog import (
     CATALOG_NAME,
     build_catalog,
     list_episodes,
+    obstacle_to_catalog,
     read_catalog,
     rows_to_table,
     write_catalog,
 )
-from exumi_data.errors import UnsupportedError, UsageError
+from exumi_data.errors import ExumiError, UnsupportedError, UsageError
 from exumi_validators.dataset_context import DatasetContext
 from exumi_validators.findings import show
 
@@ -104,15 +105,19 @@ class CatalogFix:
             )
             lines.append("  Restore them, or take them as they are with --accept-changed:")
             lines += [f"    {show(path)}" for path in self.changed]
-        for path, reason in self.unreadable.items():
+        for path, reason in islice(self.unreadable.items(), _LISTED):
             lines.append(f"  not mended: {show(path)} cannot be read: {show(reason)}")
+        if len(self.unreadable) > _LISTED:
+            lines.append(f"  not mended: {len(self.unreadable) - _LISTED:,} more")
         if self.blocked is not None:
-            lines.append(f"  not mended: {self.blocked}")
+            lines.append(f"  {self.blocked}")
         if self.needed and not applied:
             lines.append("Nothing was written yet. To do it, add --apply.")
         return "\n".join(lines) + "\n"
 
     def _headline(self, *, applied: bool) -> str:
+        if self.blocked is not None:
+            return f"{CATALOG_NAME}: not mended"
         if not self.needed:
             return f"{CATALOG_NAME}: nothing to mend"
         counts = [
@@ -225,15 +230,15 @@ def _plan(
     old = {} if old_table is None else {row["path"]: row for row in old_table.to_pylist()}
     new = {row["path"]: row for row in built.to_pylist()}
     changed = _changed(context, new)
-    blocked = None
+    blocked = obstacle_to_catalog(root)
     if not accept_changed:
         lost = [path for path in changed if path not in old]
         new |= {path: old[path] for path in changed if path in old}
-        if lost:
+        if lost and blocked is None:
             blocked = (
                 "the old catalog cannot be kept in part, and a new one would forget the change"
             )
-    unreadable = {outcome.item: str(outcome.error) for outcome in failed}
+    unreadable = {outcome.item: _reason(outcome.error) for outcome in failed}
     new |= {path: old[path] for path in unreadable if path in old}
     table = rows_to_table(new.values())
     paths = [] if old_table is None else old_table.column("path").to_pylist()
@@ -252,6 +257,11 @@ def _plan(
         blocked=blocked,
     )
     return fix, table
+
+
+def _reason(error: BaseException | None) -> str:
+    """Say why an episode cannot be read; its path is said beside it."""
+    return error.what if isinstance(error, ExumiError) else str(error)
 
 
 def _state(context: DatasetContext) -> str:

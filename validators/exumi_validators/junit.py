@@ -3,9 +3,10 @@
 One test suite holds the run itself: a test for each level that was judged, for what was wrong with
 the dataset's own files, for what could not be checked (an error) and for what had nothing to be
 judged by (skipped). Each episode in which something was found is a test suite of its own, with a
-test for each rule that is broken. Errors are failures; JUnit knows no warnings, so a rule of lower
-severity is a test that passes, with its findings as output; suppressed findings are skipped tests.
-Episodes without findings have no suite: their number is in the properties.
+test for each rule that is broken, named by what the rule asks for. Errors are failures; JUnit knows
+no warnings, so a rule of lower severity is a test that passes, with its findings as output;
+suppressed findings are skipped tests. Episodes without findings have no suite: their number is in
+the properties.
 """
 
 import re
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 from exumi_validators.findings import show
+from exumi_validators.plugins import known_rules
 
 if TYPE_CHECKING:
     from exumi_validators.report import Problem, Report
@@ -51,7 +53,8 @@ def render_junit(report: "Report") -> str:
     for name in ("tests", "failures", "errors"):
         root.set(name, str(sum(int(suite.attrib[name]) for suite in root)))
     ET.indent(root, " ")
-    text = ET.tostring(root, encoding="unicode", xml_declaration=False)
+    # ASCII, so that it is the same document in whatever encoding it is printed.
+    text = ET.tostring(root, encoding="us-ascii", xml_declaration=False).decode("ascii")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
@@ -90,11 +93,17 @@ def _run_suite(report: "Report", problems: "list[Problem]") -> ET.Element:
         ET.SubElement(test, "error", type="not checked", message=_clean(show(item.reason)))
         suite.append(test)
     for missing in done.skipped:
-        test = _test(f"{missing.code}: {missing.reason}", where)
+        test = _test(f"{_named(missing.code)} (not judged: {missing.reason})", where)
         text = f"nothing to judge by @ {missing.path} ({missing.count} times)"
         ET.SubElement(test, "skipped", message=_clean(show(text)))
         suite.append(test)
     return suite
+
+
+def _named(code: str) -> str:
+    """Name the test of a rule: its id, and what holds when it is kept."""
+    rule = known_rules().get(code)
+    return f"{code} {rule.title}" if rule else code
 
 
 def _test(name: str, where: str) -> ET.Element:
@@ -113,16 +122,16 @@ def _tests_of_rules(problems: "Iterable[Problem]", where: str) -> list[ET.Elemen
         more = f" (and {len(members) - 1} more)" if len(members) > 1 else ""
         text = "\n".join(_clean(_line(problem)) for problem in members)
         if is_suppressed:
-            test = _test(f"{code} (suppressed)", where)
+            test = _test(f"{_named(code)} (suppressed)", where)
             ET.SubElement(test, "skipped", message=_clean(str(first.suppressed)))
             ET.SubElement(test, "system-out").text = text
         elif severity == "error":
-            test = _test(code, where)
+            test = _test(_named(code), where)
             failure = ET.SubElement(test, "failure", type=code)
             failure.set("message", _clean(first.message + more))
             failure.text = f"{text}\n{_clean(first.suggestion)}"
         else:
-            test = _test(f"{code} ({severity})", where)
+            test = _test(f"{_named(code)} ({severity})", where)
             ET.SubElement(test, "system-out").text = f"{text}\n{_clean(first.suggestion)}"
         found.append(test)
     return found

@@ -8,7 +8,15 @@ from typing import Generic, Literal, TypeVar
 from exumi_data.standard import Level, Rule, rules
 from exumi_validators.report import Problem, Skipped
 
-__all__ = ["MAX_FINDINGS", "Check", "Finding", "TooManyFindingsError", "check", "checks_of"]
+__all__ = [
+    "MAX_FINDINGS",
+    "Check",
+    "Finding",
+    "TooManyFindingsError",
+    "check",
+    "checks_of",
+    "reason_of",
+]
 
 Finding = Problem | Skipped
 """What a check yields: a broken rule, or a rule that it could not judge, with the reason."""
@@ -67,6 +75,18 @@ class Check(Generic[Context]):
                 msg = f"the check {self.name} reports {found.code}, which it does not judge"
                 raise RuntimeError(msg)
             yield found
+
+
+def reason_of(error: BaseException) -> str:
+    """Say why something was not judged: in few words, also where that was not foreseen.
+
+    Parameters
+    ----------
+    error : BaseException
+        What a check raised.
+    """
+    foreseen = isinstance(error, TooManyFindingsError)
+    return (str(error) if foreseen else f"{type(error).__name__}: {error}")[:500]
 
 
 def check(

@@ -189,11 +189,14 @@ class Suppression:
     path : str or None
         Pattern for the file or episode; None for all.
     reason : str
+    unused : bool
+        Whether the rule was judged, and there was no finding to suppress.
     """
 
     rule: str
     path: str | None
     reason: str
+    unused: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -304,7 +307,7 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """0 valid, 1 invalid; 2, could not run, is an exception of `validate`."""
+        """0 valid, 1 invalid or not fully checked; 2, could not run, is an exception."""
         return 0 if self.valid else 1
 
     def count(self, severity: Severity) -> int:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from itertools import groupby
 from typing import TYPE_CHECKING, Literal
 
+from exumi_data.standard import LEVELS, Level
 from exumi_validators.findings import show
 from exumi_validators.plugins import known_rules
 
@@ -82,12 +83,21 @@ def _verdict(report: "Report") -> tuple[str, Style]:
         words.append(f"{suppressed:,} suppressed")
     told = f" ({', '.join(words)})" if words else ""
     if report.valid:
-        as_configured = report.configuration is not None and not report.conformant
-        return (
-            (f"valid as configured{told}", "warning") if as_configured else (f"valid{told}", "good")
-        )
+        looked = _how_far(report.coverage.levels)
+        if report.configuration is not None and not report.conformant:
+            return f"valid as configured{looked}{told}", "warning"
+        return f"valid{looked}{told}", "good"
     verdict = "invalid" if report.count("error") else "not fully checked"
     return f"{verdict}{told}", "error"
+
+
+def _how_far(levels: "tuple[Level, ...]") -> str:
+    """Say that a pass is one of some levels only."""
+    if levels == LEVELS:
+        return ""
+    if levels == LEVELS[: len(levels)]:
+        return f" up to level {levels[-1]}"
+    return f" at level{'s' if len(levels) != 1 else ''} {', '.join(levels)}"
 
 
 def _count(count: int, word: str) -> str:
@@ -103,7 +113,7 @@ def _coverage(report: "Report") -> str:
         (done.samples, "sample"),
         (done.frames, "frame"),
     )
-    parts = [_count(count, word) for count, word in counts if count]
+    parts = [_count(count, word) for count, word in counts if count or word == "episode"]
     parts.append(f"{done.rules} rules of exUMI {report.standard}")
     return f"checked {', '.join(done.levels)}: {', '.join(parts)}"
 
@@ -120,7 +130,8 @@ def _judged_by(report: "Report") -> Iterator[Line]:
         yield ((f"    {_reclassified(rule)}", "plain"),)
     for ask in report.configuration.suppress:
         where = f" at {show(ask.path)}" if ask.path else ""
-        yield ((f"    {ask.rule}{where} suppressed: {show(ask.reason)}", "plain"),)
+        done = "has nothing to suppress" if ask.unused else "suppressed"
+        yield ((f"    {ask.rule}{where} {done}: {show(ask.reason)}", "plain"),)
     if report.conformant != report.valid:
         yield ((f"  {_conformance(report)}", "warning"),)
 
@@ -155,7 +166,7 @@ def _by_file(report: "Report") -> Iterator[Line]:
     if report.not_listed:
         yield ()
         for code, count in sorted(report.not_listed.items()):
-            yield ((f"  ... and {count} more of {code}", "plain"),)
+            yield ((f"  ... and {count:,} more of {code}", "plain"),)
 
 
 def _problem(problem: "Problem") -> Iterator[Line]:
@@ -186,7 +197,7 @@ def _by_rule(report: "Report") -> Iterator[Line]:
         yield ()
         yield (
             (f"{severity} {code}", severity),
-            (f": {_extent(found, counts[code])}: {_title(found[0])}", "plain"),
+            (f": {_extent(found, counts[code])}; {_title(found[0])}", "plain"),
         )
         for problem in found[:_PLACES]:
             place = f"{show(problem.location.file)} {_place(problem.location)}".rstrip()
@@ -203,7 +214,7 @@ def _extent(found: "list[Problem]", count: int) -> str:
 
 def _title(problem: "Problem") -> str:
     rule = known_rules().get(problem.code)
-    return f"not kept: {rule.title}" if rule else problem.message
+    return f"the rule is: {rule.title}" if rule else problem.message
 
 
 def _place(location: "Location") -> str:

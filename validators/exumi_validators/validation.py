@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.engine import map_items, warm_up
 from exumi_data.errors import NotAnEpisodeError, UnsupportedError, UsageError
 from exumi_data.model.episode import FORMAT_VERSION
+from exumi_data.opening import not_an_episode
 from exumi_data.standard import LEVELS, Level
 from exumi_validators.checks import dataset as dataset_module
 from exumi_validators.checks import manifest as manifest_module
@@ -29,8 +30,8 @@ from exumi_validators.episode_run import (
 from exumi_validators.findings import Collector, merged
 from exumi_validators.listing import list_folder
 from exumi_validators.plugins import installed
-from exumi_validators.registry import Check, checks_of
-from exumi_validators.report import Coverage, Report, Skipped, Unchecked
+from exumi_validators.registry import Check, checks_of, reason_of
+from exumi_validators.report import Configuration, Coverage, Problem, Report, Skipped, Unchecked
 
 __all__ = ["dataset_checks", "validate"]
 
@@ -113,7 +114,7 @@ def validate(
         coverage=coverage,
         not_listed=dict(result.not_listed),
         suppressed_not_listed=dict(result.suppressed_not_listed),
-        configuration=config.configuration if config else None,
+        configuration=_told(config, result.problems, result.suppressed_not_listed, chosen),
         extensions=installed().extensions,
     )
 
@@ -130,6 +131,8 @@ def _chosen(levels: Collection[Level] | None) -> frozenset[Level]:
 
 
 def _kind(path: str) -> str:
+    if not path:
+        raise NotAnEpisodeError("an empty path was given")
     if "://" in path:
         raise UnsupportedError(
             "URLs are not read yet", where=path, fix="Download it and give the local path."
@@ -141,13 +144,11 @@ def _kind(path: str) -> str:
             return "dataset"
         if not is_episode and (target / EPISODES_FOLDER).is_dir():
             return "dataset"
+        if is_episode and _is_group_of_an_episode(target):
+            raise not_an_episode(path)
         if is_episode or target.name.startswith(".partial-"):
             return "episode"
-        raise NotAnEpisodeError(
-            "neither a dataset (no dataset.json) nor an episode (no zarr.json)",
-            where=path,
-            fix="Convert other data with: exumi convert SRC DST",
-        )
+        raise not_an_episode(path)
     if not target.exists():
         raise NotAnEpisodeError("no such file or folder", where=path)
     if not target.is_file():  # a pipe would be waited for
@@ -155,12 +156,14 @@ def _kind(path: str) -> str:
     with target.open("rb") as file:
         is_zip = file.read(4) in (b"PK\x03\x04", b"PK\x05\x06")
     if not is_zip and not path.endswith(".zip"):
-        raise NotAnEpisodeError(
-            "a file that is no packed episode (no zip)",
-            where=path,
-            fix="Give the folder of the dataset or the episode, or a .zarr.zip.",
-        )
+        raise not_an_episode(path)
     return "episode"
+
+
+def _is_group_of_an_episode(folder: Path) -> bool:
+    """Whether a folder is named like no episode, and lies in one."""
+    parents = folder.absolute().parents
+    return ".zarr" not in folder.suffixes and any(place.suffix == ".zarr" for place in parents)
 
 
 def _validate_dataset(
@@ -207,8 +210,7 @@ def _validate_dataset(
             for problem in check(dataset):
                 found.add(problem)
         except (Exception, SystemExit) as error:  # noqa: BLE001  # a check that fails must not hide the others
-            reason = f"{type(error).__name__}: {error}"
-            unchecked.append(Unchecked(".", ", ".join(check.rules), reason[:500]))
+            unchecked.append(Unchecked(".", ", ".join(check.rules), reason_of(error)))
     not_listed.update(found.not_listed)
     suppressed_not_listed.update(found.suppressed_not_listed)
     problems = [*found.problems, *(problem for result in results for problem in result.problems)]
@@ -227,9 +229,18 @@ def _validate_dataset(
         coverage=coverage,
         not_listed=dict(not_listed),
         suppressed_not_listed=dict(suppressed_not_listed),
-        configuration=config.configuration if config else None,
+        configuration=_told(config, problems, suppressed_not_listed, levels),
         extensions=installed().extensions,
     )
+
+
+def _told(
+    config: Config | None,
+    problems: Iterable[Problem],
+    not_listed: Collection[str],
+    levels: frozenset[Level],
+) -> Configuration | None:
+    return None if config is None else config.told(problems, not_listed, levels)
 
 
 def _episodes(

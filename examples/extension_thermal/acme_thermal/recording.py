@@ -9,6 +9,7 @@ import numpy as np
 
 from acme_thermal.kind import KIND, SCHEMA_URL, VERSION
 from exumi_data import EpisodeWriter
+from exumi_data.errors import ExumiError
 from exumi_data.model import Clock, EpisodeMetadata, Source, Task
 
 __all__ = ["main", "write_episode"]
@@ -54,7 +55,10 @@ def main() -> None:
     parser.add_argument("path", type=Path, help="the new episode, such as warm.zarr")
     seconds = np.arange(200) / _RATE_HZ
     warming = 24 + 12 * (1 - np.exp(-np.maximum(seconds - 2, 0) / 3))
-    write_episode(parser.parse_args().path, warming, **{"acme:range_celsius": [-40.0, 125.0]})
+    try:
+        write_episode(parser.parse_args().path, warming, **{"acme:range_celsius": [-40.0, 125.0]})
+    except ExumiError as error:  # such as an episode of that name from an earlier run
+        parser.exit(2, f"error: {error}\n")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
 """Every bad path gives one clear message, exit code 2, and no traceback."""
 
 import json
+import os
 import shutil
+import stat
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -176,3 +178,134 @@ def test_a_full_disk_is_said_with_what_to_do(capfd: pytest.CaptureFixture[str]) 
         full.write(b"x" * 100_000)
     assert ended.value.exit_code == 2
     assert "Free some space" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("verb", READERS)
+def test_an_empty_path_is_not_the_current_folder(
+    exumi: Program, dataset: Path, verb: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(dataset)
+    assert "an empty path was given" in refused(exumi(verb, ""))
+
+
+def test_an_empty_path_of_an_option(exumi: Program, dataset: Path) -> None:
+    assert "empty path" in refused(exumi("validate", dataset, "--config", ""))
+
+
+@pytest.mark.parametrize(
+    ("part", "whole"),
+    [
+        ("episodes", "my-dataset"),
+        ("episodes/01", "my-dataset"),
+        ("dataset.json", "my-dataset"),
+        ("catalog.parquet", "my-dataset"),
+        ("episodes/01/{episode}.zarr/streams", "{episode}.zarr"),
+        ("episodes/01/{episode}.zarr/streams/pose/zarr.json", "{episode}.zarr"),
+    ],
+)
+def test_a_part_of_a_dataset_names_the_whole(
+    exumi: Program, dataset: Path, episode: Path, part: str, whole: str
+) -> None:
+    said = refused(exumi("validate", dataset / part.format(episode=episode.stem)))
+    assert said.rstrip().endswith(whole.format(episode=episode.stem))
+    assert "convert" not in said
+
+
+def test_a_part_is_known_from_inside(
+    exumi: Program, dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(dataset / "episodes")
+    for verb in ("validate", "info"):
+        assert f"Give all of it: {dataset}" in refused(exumi(verb, "."))
+
+
+@pytest.mark.parametrize("verb", READERS)
+def test_urls_are_refused_as_they_were_given(exumi: Program, verb: str) -> None:
+    assert "https://example.org/x: URLs are not read yet" in refused(
+        exumi(verb, "https://example.org/x")
+    )
+
+
+def test_names_cannot_write_to_the_terminal(exumi: Program, tmp_path: Path) -> None:
+    said = refused(exumi("validate", tmp_path / "\x1b[31mred\x07"))
+    assert r"\x1b[31mred\x07: no such file" in said
+    assert "\x1b" not in said
+
+
+def test_a_link_that_leads_in_a_circle(exumi: Program, tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    assert "no such file or folder" in refused(exumi("validate", tmp_path / "loop"))
+
+
+def closed(path: Path, mode: int) -> None:
+    """Take rights away, where that means anything: whoever may do all has them still."""
+    path.chmod(mode)
+    right = os.W_OK if mode & stat.S_IRUSR else os.R_OK
+    if os.access(path, right):
+        path.chmod(0o755)
+        pytest.skip("this user may read and write everything")
+
+
+def test_a_dataset_that_may_not_be_written(exumi: Program, dataset: Path) -> None:
+    (dataset / "catalog.parquet").unlink()
+    closed(dataset, 0o555)
+    for arguments in (("validate", dataset, "--fix", "--apply"), ("index", dataset)):
+        said = refused(exumi(*arguments))
+        assert said == f"error: {dataset}/catalog.parquet: Permission denied\n"
+    dataset.chmod(0o755)
+
+
+def test_a_catalog_that_may_not_be_read_is_not_replaced(exumi: Program, dataset: Path) -> None:
+    catalog = dataset / "catalog.parquet"
+    closed(catalog, 0o000)
+    done = exumi("validate", dataset, "--fix", "--apply")
+    assert "catalog.parquet: not mended\n  catalog.parquet may not be read" in done.stdout
+    assert "CAT-001: catalog.parquet cannot be read: Permission denied" in done.stdout
+    assert "may not be read" in refused(exumi("index", dataset))
+    assert stat.S_IMODE(catalog.stat().st_mode) == 0
+
+
+def test_what_may_not_be_read_is_not_called_missing(
+    exumi: Program, dataset: Path, episode: Path
+) -> None:
+    closed(episode, 0o000)
+    done = exumi("validate", dataset)
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[0] == f"{dataset}: not fully checked"
+    assert "not checked: the folder: Permission denied" in done.stdout
+    assert "ROOT-001" not in done.stdout
+    episode.chmod(0o755)
+
+
+def test_a_working_folder_that_is_gone(
+    exumi: Program, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert "The folder you work in is no longer there" in refused(exumi("validate", dataset))
+
+
+def test_a_working_folder_below_one_that_is_closed(
+    exumi: Program, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "outer" / "inner").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "outer" / "inner")
+    closed(tmp_path / "outer", 0o000)
+    done = exumi("validate", dataset)
+    (tmp_path / "outer").chmod(0o755)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_configuration_that_is_a_link(
+    exumi: Program, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    (work / "exumi.toml").symlink_to(tmp_path / "lab.toml")
+    assert "exumi.toml: no such file" in refused(exumi("validate", dataset))
+    (tmp_path / "lab.toml").write_text('[validate.rules]\n"ID-002" = "off"\n')
+    done = exumi("validate", dataset)
+    assert done.returncode == 0, done.stderr
+    assert "ID-002: off" in done.stdout

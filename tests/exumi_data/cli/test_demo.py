@@ -16,6 +16,7 @@ from exumi_data.dataset import Dataset
 from exumi_data.demo import DemoSettings, make_session, write_play_dataset
 from exumi_data.demo.canvas import Canvas
 from exumi_data.time import apply_clock
+from exumi_validators import validate
 
 SECONDS = 4.0
 WITHOUT_TORCH = """
@@ -101,6 +102,10 @@ def test_frames_are_active_when_the_gel_is_touched(dataset: Dataset) -> None:
         depth = session.truth.contact_depth_m(finger, grasp.t_start_s + stream.time * 1e-9)
         assert (activity[depth > 2e-4] > 1e-3).all()
         assert (activity[depth == 0] < 1e-3).all()
+
+
+def test_a_validation_of_it_finds_nothing(dataset: Dataset) -> None:
+    assert validate(dataset.path).problems == ()
 
 
 def test_the_picture_is_one_and_has_colours(played: Path) -> None:

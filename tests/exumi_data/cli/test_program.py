@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import av
 import numpy as np
@@ -20,7 +21,9 @@ from typer.testing import CliRunner
 from exumi_data import __version__
 from exumi_data.cli.app import app
 from exumi_data.cli.failures import ReportingGroup
+from exumi_data.dataset import create_dataset
 from exumi_data.errors import ExumiError
+from exumi_data.model import DatasetMetadata
 
 Program = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -276,3 +279,18 @@ def test_a_signal_ends_it_cleanly(
 def test_it_runs_without_standard_streams(clips: Path) -> None:
     command = f"exec {sys.executable} -m exumi_data.cli validate {clips} >&- 2>&-"
     assert subprocess.run(["bash", "-c", command], check=False).returncode == 2
+
+
+def test_letters_that_an_encoding_lacks_are_escaped(exumi: Program, tmp_path: Path) -> None:
+    root = create_dataset(
+        tmp_path / "gr€n\N{GRINNING FACE}", DatasetMetadata(name="x", licence="CC0-1.0")
+    )
+    poor = {"PYTHONIOENCODING": "ascii"}
+    for verb in ("validate", "info"):
+        done = exumi(verb, root, **poor)
+        assert done.returncode == 0, done.stderr
+        assert r"gr\u20acn\U0001f600" in done.stdout
+        told = json.loads(exumi(verb, root, "--format", "json", **poor).stdout)
+        assert told["path"] == str(root)
+    junit = exumi("validate", root, "--format", "junit", **poor).stdout
+    assert ET.fromstring(junit)[0].attrib["name"] == str(root)  # noqa: S314  # our own
