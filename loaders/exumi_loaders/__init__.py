@@ -11,35 +11,68 @@ from exumi_data.errors import MissingExtraError
 if TYPE_CHECKING:
     from exumi_loaders.active_sampler import ActiveWindowSampler
     from exumi_loaders.clips import Clip, Clips
+    from exumi_loaders.encoder import Encoder
     from exumi_loaders.representation import TactileRepresentation
+    from exumi_loaders.retrieval.building import Embedding, encode_clips
+    from exumi_loaders.retrieval.entries import Entry
+    from exumi_loaders.retrieval.guessing import guessing_game
+    from exumi_loaders.retrieval.index import TactileIndex
+    from exumi_loaders.retrieval.matches import Match
+    from exumi_loaders.retrieval.scoring import Score, evaluate, leave_one_out
     from exumi_loaders.sampler import WindowIndex, WindowSampler
+    from exumi_loaders.texture import TextureEncoder
     from exumi_loaders.timeline import Timeline, TimelineSettings, build_timeline
     from exumi_loaders.tpp import TPPWindows
+    from exumi_loaders.vision import VisionEncoder
 
 __all__ = [
     "ActiveWindowSampler",
     "Clip",
     "Clips",
+    "Embedding",
+    "Encoder",
+    "Entry",
+    "Match",
+    "Score",
     "TPPWindows",
+    "TactileIndex",
     "TactileRepresentation",
+    "TextureEncoder",
     "Timeline",
     "TimelineSettings",
+    "VisionEncoder",
     "WindowIndex",
     "WindowSampler",
     "build_timeline",
+    "encode_clips",
+    "evaluate",
+    "guessing_game",
+    "leave_one_out",
 ]
 
 _HOME = {
     "ActiveWindowSampler": "active_sampler",
     "Clip": "clips",
     "Clips": "clips",
+    "Embedding": "retrieval.building",
+    "Encoder": "encoder",
+    "Entry": "retrieval.entries",
+    "Match": "retrieval.matches",
+    "Score": "retrieval.scoring",
     "TPPWindows": "tpp",
+    "TactileIndex": "retrieval.index",
     "TactileRepresentation": "representation",
+    "TextureEncoder": "texture",
     "Timeline": "timeline",
     "TimelineSettings": "timeline",
+    "VisionEncoder": "vision",
     "WindowIndex": "sampler",
     "WindowSampler": "sampler",
     "build_timeline": "timeline",
+    "encode_clips": "retrieval.building",
+    "evaluate": "retrieval.scoring",
+    "guessing_game": "retrieval.guessing",
+    "leave_one_out": "retrieval.scoring",
 }
 
 

@@ -1,0 +1,823 @@
+"""`TactileIndex`: what felt like this before?"""
+
+import os
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from exumi_data.errors import DamagedDataError, LimitError, UsageError
+from exumi_data.model.documents import group_document
+from exumi_data.store.access import FolderStore
+from exumi_data.store.files import claim_folder, sync_folder, sync_tree
+from exumi_data.store.shards import open_array
+from exumi_loaders.encoder import Encoder, Kind
+from exumi_loaders.retrieval import changes
+from exumi_loaders.retrieval.building import Embedding, EncodedClips, embed, encode_clips
+from exumi_loaders.retrieval.document import (
+    EncoderStatement,
+    IndexDocument,
+    SourceStatement,
+)
+from exumi_loaders.retrieval.entries import Entry, Provenance, entry_of
+from exumi_loaders.retrieval.faiss_search import FaissSearch
+from exumi_loaders.retrieval.folder import changing, read_document, write_document
+from exumi_loaders.retrieval.matches import (
+    RANKINGS,
+    UNIQUE,
+    Match,
+    Ranking,
+    Unique,
+    check_choice,
+    rank,
+    similar_line,
+)
+from exumi_loaders.retrieval.search import ExactSearch, Search
+from exumi_loaders.retrieval.segments import Segment, open_segment, write_segment, write_vectors
+from exumi_loaders.retrieval.space import METHOD, Space, fit_space, unit
+
+if TYPE_CHECKING:
+    from exumi_data.dataset import Dataset
+
+__all__ = ["Backend", "Example", "IndexInfo", "TactileIndex"]
+
+Backend = Literal["exact", "faiss"]
+Example = Embedding | tuple[np.ndarray, np.ndarray | None]
+"""A clip to query or teach with: its embedding, or (frames, reference)."""
+
+_SPACE = "space"
+_MOST_SPACE = 1 << 26  # numbers of the matrix
+_MOST_ENTRIES_BYTES = 8 << 30
+_SMALL_BLOCK = 4096
+_TRIES = 5
+
+
+@dataclass(frozen=True)
+class IndexInfo:
+    """What an index holds, and what it was made from.
+
+    Attributes
+    ----------
+    path : str
+    generation : int
+        Changes since it was built.
+    encoder, encoder_digest : str
+    dimension : int
+        Of the vectors that are compared.
+    space : str or None
+        How the encoder's vectors were made comparable, fitted on the clips of the build.
+    frames : int
+        Salient frames a clip.
+    dataset, dataset_digest, split : str or None
+        Where the clips of the build come from.
+    entries, taught, forgotten : int
+        Those that count; those of them that were taught; those that no longer count.
+    objects, parts : int
+        Of those that count. What has no part id is a part by its name.
+    """
+
+    path: str
+    generation: int
+    encoder: str
+    encoder_digest: str
+    dimension: int
+    space: str | None
+    frames: int
+    dataset: str | None
+    dataset_digest: str | None
+    split: str | None
+    entries: int
+    taught: int
+    forgotten: int
+    objects: int
+    parts: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what JSON can write."""
+        return asdict(self)
+
+
+class TactileIndex:
+    """Clips by what they feel like. Make one with `build`, or open one with `open`.
+
+    Needs no PyTorch; the encoder may.
+
+    Parameters
+    ----------
+    path : path-like
+    encoder : Encoder, optional
+        Default the built-in one, if the index was made with it.
+    backend : {"exact", "faiss"}
+
+    Examples
+    --------
+    >>> index = TactileIndex.build(dataset, path="my-index")  # doctest: +SKIP
+    >>> index.query(frames, reference)[0].name  # doctest: +SKIP
+    'a sponge'
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        encoder: Encoder | None = None,
+        backend: Backend = "exact",
+    ) -> None:
+        check_choice("backend", backend, ("exact", "faiss"))
+        self.path = Path(path)
+        self._backend = backend
+        self._load()
+        self.encoder = encoder or _built_in(self._document.encoder.digest)
+        if encoder is not None:
+            self._check_encoder(encoder.digest)
+
+    @classmethod
+    def open(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        encoder: Encoder | None = None,
+        backend: Backend = "exact",
+    ) -> "TactileIndex":
+        """Open an index. Its vectors are mapped into memory, not read.
+
+        Parameters
+        ----------
+        path : path-like
+        encoder : Encoder, optional
+            Default the built-in one, if the index was made with it. Without one, only embeddings
+            can be queried.
+        backend : {"exact", "faiss"}
+            Compare with every vector, or with FAISS approximately.
+
+        Returns
+        -------
+        TactileIndex
+
+        Raises
+        ------
+        NotAnEpisodeError
+            No index is there.
+        MetadataError, UnsupportedError, DamagedDataError, LimitError
+            It cannot be read.
+        UsageError
+            The encoder is not the one that it was made with.
+        MissingExtraError
+            FAISS is asked for and not installed.
+        """
+        return cls(path, encoder=encoder, backend=backend)
+
+    @classmethod
+    def build(
+        cls,
+        dataset: "Dataset",
+        encoder: Encoder | None = None,
+        *,
+        path: str | os.PathLike[str],
+        split: str | None = None,
+        stream: str | Sequence[str] | None = None,
+        frames: int = 10,
+        provenance: Literal["human", "any"] = "human",
+        workers: int = 1,
+        on_done: Callable[[int, int], None] = lambda _done, _total: None,
+    ) -> "TactileIndex":
+        """Build an index from the touch clips of a dataset.
+
+        Parameters
+        ----------
+        dataset : exumi_data.Dataset
+        encoder : Encoder, optional
+            Default `TextureEncoder` of as many channels as the frames have.
+        path : path-like
+            A new folder. It appears when it is complete.
+        split : str, optional
+            ``<name>/<list>`` of a split stored with the dataset, or ``train`` or ``val`` of one
+            made on the fly by part.
+        stream : str or sequence of str, optional
+            Tactile streams; default all.
+        frames : int
+            Salient frames a clip.
+        provenance : {"human", "any"}
+            Whose labels count.
+        workers : int
+            Processes that encode.
+        on_done : callable
+            Told of the clips encoded, and of all.
+
+        Returns
+        -------
+        TactileIndex
+
+        Raises
+        ------
+        UsageError
+            The folder is there already; no clip; the encoder does not fit.
+        DamagedDataError
+            A frame cannot be decoded.
+        """
+        target = Path(path)
+        _check_free(target)
+        if split is not None:
+            from exumi_data.splits import split_ids
+
+            dataset = dataset.select(split_ids(dataset, split, by="part"))
+        encoder = encoder or _encoder_for(dataset, stream)
+        clips = encode_clips(
+            dataset,
+            encoder,
+            stream=stream,
+            frames=frames,
+            provenance=provenance,
+            workers=workers,
+            on_done=on_done,
+        )
+        source = SourceStatement(
+            name=dataset.metadata.name,
+            digest=dataset.fingerprint,
+            split=split,
+            clips=len(clips),
+        )
+        write_index(target, clips, encoder, frames=frames, source=source)
+        return cls(target, encoder=encoder)
+
+    def _load(self) -> None:
+        for attempt in range(_TRIES):
+            document = read_document(self.path)
+            try:
+                self._take(document)
+                return
+            except DamagedDataError:
+                # Another process may have changed the index between two files.
+                if (
+                    attempt == _TRIES - 1
+                    or read_document(self.path).generation == document.generation
+                ):
+                    raise
+
+    def _take(self, document: IndexDocument) -> None:
+        space = _read_space(self.path, document)
+        segments: list[Segment] = []
+        taken = 0
+        for statement in document.segments:
+            segments.append(open_segment(self.path, statement, document.dimension))
+            taken += segments[-1].table.nbytes
+            if taken > _MOST_ENTRIES_BYTES:
+                raise LimitError("the tables of entries take too much memory", where=self.path)
+        self._document = document
+        self._space = space
+        self._segments = segments
+        self._starts = np.cumsum([0, *(segment.statement.rows for segment in segments)])
+        self._groups: dict[str, np.ndarray] = {}
+        self._search = self._searcher()
+
+    def _searcher(self) -> Search:
+        blocks = _merged([block for segment in self._segments for block in segment.blocks])
+        forgotten = any(segment.statement.forgotten for segment in self._segments)
+        alive = np.concatenate([s.alive for s in self._segments]) if forgotten else None
+        if self._backend == "faiss":
+            return FaissSearch(blocks, alive)
+        return ExactSearch(blocks, alive)
+
+    def __len__(self) -> int:
+        return sum(s.statement.rows - len(s.statement.forgotten) for s in self._segments)
+
+    def __repr__(self) -> str:
+        return f"<TactileIndex {str(self.path)!r}, {len(self)} entries>"
+
+    @property
+    def document(self) -> IndexDocument:
+        """What ``index.json`` says."""
+        return self._document
+
+    def info(self) -> IndexInfo:
+        """Return what the index holds, and what it was made from."""
+        document = self._document
+        source = document.source
+        living = [s.table.filter(s.alive) for s in self._segments]
+        codes = {unique: _codes(living, unique) for unique in ("object", "part")}
+        return IndexInfo(
+            path=str(self.path),
+            generation=document.generation,
+            encoder=document.encoder.name,
+            encoder_digest=document.encoder.digest,
+            dimension=document.dimension,
+            space=document.space,
+            frames=document.frames,
+            dataset=source.name if source else None,
+            dataset_digest=source.digest if source else None,
+            split=source.split if source else None,
+            entries=len(self),
+            taught=sum(int(table.column("taught").to_numpy().sum()) for table in living),
+            forgotten=int(self._starts[-1]) - len(self),
+            objects=len(np.unique(codes["object"])),
+            parts=len(np.unique(codes["part"])),
+        )
+
+    def entries(self) -> list[Entry]:
+        """Return all entries that count, in the order of their rows."""
+        return [entry for segment in self._segments for entry in segment.entries(segment.alive)]
+
+    def holds(self, origins: Sequence[str]) -> bool:
+        """Whether a clip is in the index.
+
+        A clip of the build is, even if it was forgotten: it shaped the space in which clips are
+        compared. One that was taught is not, once it is forgotten.
+
+        Parameters
+        ----------
+        origins : sequence of str
+            What the clip can be told by: ``Embedding.origins``.
+        """
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        wanted = pa.array(list(origins), pa.string())
+        for segment in self._segments:
+            counts = segment.alive | ~segment.table.column("taught").to_numpy()
+            for chunk in segment.table.column("origins").filter(counts).chunks:
+                if pc.any(pc.is_in(chunk.flatten(), value_set=wanted)).as_py():
+                    return True
+        return False
+
+    def embed(
+        self, frames: np.ndarray, reference: np.ndarray | None = None, *, kind: Kind = (None, None)
+    ) -> Embedding:
+        """Encode a clip with the index's encoder.
+
+        Parameters
+        ----------
+        frames : (N, H, W, C) uint8
+            Salient frames, as `Clips.read` gives them.
+        reference : (H, W, C) uint8, optional
+            The image without contact.
+        kind : (str or None, str or None)
+            Sensor model and pad type.
+
+        Returns
+        -------
+        Embedding
+
+        Raises
+        ------
+        UsageError
+            The index was opened without its encoder, or the arrays do not fit it.
+        """
+        if self.encoder is None:
+            raise UsageError(
+                f"the index was made with {self._document.encoder.name}, which is not at hand",
+                where=self.path,
+                fix="Open it with encoder=, made of the same weights.",
+            )
+        return embed(self.encoder, frames, reference, kind=kind)
+
+    def place(self, embeddings: Sequence[Embedding]) -> np.ndarray:
+        """Map embeddings into the space of the index.
+
+        Parameters
+        ----------
+        embeddings : sequence of Embedding
+
+        Returns
+        -------
+        (B, d) float32
+            Of length 1.
+
+        Raises
+        ------
+        UsageError
+            They are of another encoder.
+        """
+        width = self._document.encoder.dimension
+        for embedding in embeddings:
+            self._check_encoder(embedding.encoder)
+            if embedding.vector.shape != (width,) or not np.isfinite(embedding.vector).all():
+                raise UsageError(
+                    f"an embedding of {embedding.vector.shape}, expected ({width},) finite numbers"
+                )
+        vectors = np.array([embedding.vector for embedding in embeddings], dtype=np.float32)
+        vectors = vectors.reshape(len(embeddings), width)
+        return unit(vectors) if self._space is None else self._space.place(vectors)
+
+    def search(
+        self, embeddings: Sequence[Embedding] | np.ndarray, k: int = 5
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Find the nearest entries of many queries at once.
+
+        Parameters
+        ----------
+        embeddings : sequence of Embedding, or (B, d) float32
+            Or what `place` made of them.
+        k : int
+
+        Returns
+        -------
+        similarity : (B, k) float32
+            Cosines, falling. k is smaller in an index with fewer entries.
+        row : (B, k) int64
+            Rows for `entry`; −1 where FAISS found none.
+
+        Raises
+        ------
+        UsageError
+            They are of another encoder, or of another dimension.
+        """
+        queries = embeddings if isinstance(embeddings, np.ndarray) else self.place(embeddings)
+        if queries.ndim != 2 or queries.shape[1] != self._document.dimension:
+            raise UsageError(f"queries of {queries.shape}, expected (B, {self._document.dimension})")
+        if k < 1:
+            raise UsageError(f"k is {k}, not a positive number")
+        return self._search.nearest(np.ascontiguousarray(queries, dtype=np.float32), k)
+
+    def entry(self, row: int) -> Entry:
+        """Return the entry of a row.
+
+        Parameters
+        ----------
+        row : int
+        """
+        number = int(np.searchsorted(self._starts, row, side="right")) - 1
+        table = self._segments[number].table
+        return entry_of(table.slice(int(row - self._starts[number]), 1).to_pylist()[0])
+
+    def query(
+        self,
+        touched: np.ndarray | Embedding,
+        reference: np.ndarray | None = None,
+        *,
+        k: int = 5,
+        ranking: Ranking = "similarity",
+        unique: Unique = "object",
+        samples: int | None = None,
+        kind: Kind = (None, None),
+    ) -> list[Match]:
+        """Find what felt most alike.
+
+        Parameters
+        ----------
+        touched : (N, H, W, C) uint8 or Embedding
+            Salient frames of a clip, or what `embed` made of them.
+        reference : (H, W, C) uint8, optional
+            The image without contact, with frames.
+        k : int
+            At most so many objects, parts or clips.
+        ranking : {"similarity", "matches"}
+            By the most similar clip of each (as Octopi-1.5's code does), or by how many of the
+            nearest clips are of each, then by similarity (as its text says).
+        unique : {"object", "part", "clip"}
+            What is named once.
+        samples : int, optional
+            How many nearest clips are looked at. Default: of ``similarity`` as many as it takes
+            to find k, of ``matches`` k. Octopi's is 5.
+        kind : (str or None, str or None)
+            Sensor model and pad type, with frames.
+
+        Returns
+        -------
+        list of Match
+            The best first.
+
+        Raises
+        ------
+        UsageError
+            An option is not supported; the embedding is of another encoder.
+        """
+        made = touched
+        if not isinstance(made, Embedding):
+            made = self.embed(made, reference, kind=kind)
+        vector = self.place([made])
+        return self.ranked(vector, k=k, ranking=ranking, unique=unique, samples=samples)
+
+    def ranked(
+        self,
+        vector: np.ndarray,
+        *,
+        k: int,
+        ranking: Ranking,
+        unique: Unique,
+        samples: int | None = None,
+    ) -> list[Match]:
+        """Find what is nearest to a vector (1, d) of `place`; the rest as of `query`."""
+        check_choice("ranking", ranking, RANKINGS)
+        check_choice("unique", unique, UNIQUE)
+        if k < 1 or (samples is not None and samples < 1):
+            raise UsageError(f"k is {k} and samples {samples}; both must be positive")
+        if samples is None and ranking == "matches":
+            samples = k
+        similarity, rows, groups = self._nearest(vector, k, unique, samples)
+        first, matches = rank(groups, similarity, ranking)
+        return [
+            Match(self.entry(int(rows[at])), float(similarity[at]), int(count))
+            for at, count in zip(first[:k], matches[:k], strict=True)
+        ]
+
+    def _nearest(
+        self, vector: np.ndarray, k: int, unique: Unique, samples: int | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return similarity, row and group of the nearest rows, as many as are looked at."""
+        codes = self._codes(unique)
+        wanted = samples or 4 * k
+        while True:
+            similarity, rows = (found[0] for found in self.search(vector, wanted))
+            similarity, rows = similarity[rows >= 0], rows[rows >= 0]
+            groups = codes[rows]
+            if samples is not None:
+                return similarity, rows, groups
+            _, first = np.unique(groups, return_index=True)
+            if len(first) >= k:
+                end = int(np.sort(first)[k - 1]) + 1
+                return similarity[:end], rows[:end], groups[:end]
+            if len(rows) < wanted:
+                return similarity, rows, groups
+            wanted *= 4
+
+    def _codes(self, unique: Unique) -> np.ndarray:
+        """Return the group of each row, (N,) int."""
+        if unique == "clip":
+            return np.arange(int(self._starts[-1]))
+        if unique not in self._groups:
+            self._groups[unique] = _codes([s.table for s in self._segments], unique)
+        return self._groups[unique]
+
+    def line(
+        self,
+        matches: Sequence[Match],
+        *,
+        ranking: Ranking = "similarity",
+        unique: Unique = "object",
+    ) -> str:
+        """Write matches as the line that a tactile-language model reads; it names the ranking.
+
+        Parameters
+        ----------
+        matches : sequence of Match
+            Of `query`, called with the same options.
+        ranking : {"similarity", "matches"}
+        unique : {"object", "part", "clip"}
+
+        Returns
+        -------
+        str
+            Such as ``Most similar objects (in order of decreasing similarity): a sponge (soft).``
+        """
+        check_choice("ranking", ranking, RANKINGS)
+        check_choice("unique", unique, UNIQUE)
+        return similar_line(matches, ranking=ranking, unique=unique)
+
+    def teach(
+        self,
+        clips: Sequence[Example],
+        *,
+        name: str,
+        part_id: str | None = None,
+        object_id: str | None = None,
+        adjectives: Sequence[str] = (),
+        labels: Mapping[str, float] | None = None,
+        provenance: Provenance = "human",
+    ) -> Entry:
+        """Teach an object by one or some clips: no training, one vector more.
+
+        Their vectors are averaged, as in Octopi-1.5. `forget` undoes it.
+
+        Parameters
+        ----------
+        clips : sequence of Embedding or (frames, reference)
+        name : str
+            Of the object.
+        part_id, object_id : str, optional
+        adjectives : sequence of str
+        labels : mapping of str to float, optional
+            Ratings from 0 to 10.
+        provenance : {"human", "model"}
+            Who says so.
+
+        Returns
+        -------
+        Entry
+
+        Raises
+        ------
+        UsageError
+            No clip; an option is not supported; an embedding is of another encoder; another
+            process holds the index.
+        """
+        check_choice("provenance", provenance, ("human", "model"))
+        made = [one if isinstance(one, Embedding) else self.embed(*one) for one in clips]
+        if not made:
+            raise UsageError("nothing to teach by: give at least one clip")
+        ratings = {key: float(value) for key, value in (labels or {}).items()}
+        if not all(0 <= value <= 10 for value in ratings.values()):
+            raise UsageError(f"labels are from 0 to 10, not {ratings}")
+        entry = Entry(
+            id=f"taught/{uuid.uuid4()}",
+            name=name,
+            object_id=object_id,
+            part_id=part_id,
+            adjectives=tuple(adjectives),
+            labels=ratings,
+            provenance=provenance,
+            taught=True,
+            clips=len(made),
+            origins=tuple(dict.fromkeys(word for one in made for word in one.origins)),
+        )
+        vector = unit(self.place(made).mean(axis=0, keepdims=True))
+        with changing(self.path) as document:
+            self._check_same_space(document)
+            changes.add(self.path, document, vector, [entry])
+        self._load()
+        return entry
+
+    def forget(
+        self, name: str | None = None, *, entry: str | None = None, built: bool = False
+    ) -> list[Entry]:
+        """Forget what was taught.
+
+        Parameters
+        ----------
+        name : str, optional
+            Of the object: all that was taught under it.
+        entry : str, optional
+            The id of one entry instead.
+        built : bool
+            Also entries that were built from a dataset.
+
+        Returns
+        -------
+        list of Entry
+            What was forgotten.
+
+        Raises
+        ------
+        UsageError
+            There is nothing of that name; another process holds the index.
+        """
+        if (name is None) == (entry is None):
+            raise UsageError("forget by name or by entry, one of the two")
+
+        column, value = ("id", entry) if name is None else ("name", name)
+        with changing(self.path) as document:
+            gone = changes.forget(self.path, document, column, str(value), built=built)
+        self._load()
+        if not gone:
+            raise UsageError(
+                f"nothing was taught as {name or entry!r}",
+                where=self.path,
+                fix="See what there is with: exumi index info. With built=True (--built), entries "
+                "of the dataset are forgotten, too.",
+            )
+        return gone
+
+    def _check_same_space(self, document: IndexDocument) -> None:
+        if document.encoder != self._document.encoder or document.source != self._document.source:
+            raise UsageError("the index was replaced by another one", fix="Open it again.")
+
+    def _check_encoder(self, digest: str) -> None:
+        mine = self._document.encoder.digest
+        if digest != mine:
+            raise UsageError(
+                f"the index was made with {mine}, this is of {digest}: their vectors cannot be "
+                "compared",
+                where=self.path,
+                fix="Use the encoder of the index, or build another index.",
+            )
+
+
+def write_index(
+    target: Path,
+    clips: EncodedClips,
+    encoder: Encoder,
+    *,
+    frames: int,
+    source: SourceStatement | None = None,
+) -> None:
+    """Write an index of clips that are encoded; it appears when it is complete.
+
+    Parameters
+    ----------
+    target : pathlib.Path
+        A new folder.
+    clips : EncodedClips
+    encoder : Encoder
+    frames : int
+    source : SourceStatement, optional
+    """
+    _check_free(target)
+    space = None if encoder.whitening is None else fit_space(clips.vectors, encoder.whitening)
+    placed = unit(clips.vectors) if space is None else space.place(clips.vectors)
+    partial = target.with_name(f".partial-{target.name}")
+    claim = claim_folder(partial)
+    try:
+        (partial / "zarr.json").write_bytes(group_document())
+        if space is not None:
+            folder = partial / _SPACE
+            folder.mkdir()
+            (folder / "zarr.json").write_bytes(group_document())
+            write_vectors(folder / "mean", space.mean[None])
+            write_vectors(folder / "matrix", space.matrix)
+        statement = EncoderStatement(
+            name=encoder.name, digest=encoder.digest, dimension=encoder.dimension
+        )
+        document = IndexDocument(
+            encoder=statement,
+            frames=frames,
+            dimension=placed.shape[1],
+            space=None if space is None else METHOD,
+            source=source,
+            segments=[write_segment(partial, placed, clips.entries)],
+        )
+        write_document(partial, document)
+        sync_tree(partial)
+        _check_free(target)
+        partial.rename(target)
+        sync_folder(target.parent)
+    except BaseException:
+        import shutil
+
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+    finally:
+        os.close(claim)
+
+
+def _check_free(target: Path) -> None:
+    if target.exists() or target.is_symlink():
+        raise UsageError(
+            "is there already", where=target, fix="Remove it first, or name another folder."
+        )
+
+
+def _read_space(root: Path, document: IndexDocument) -> Space | None:
+    if document.space is None:
+        if document.dimension != document.encoder.dimension:
+            raise DamagedDataError("the index has another dimension than its encoder", where=root)
+        return None
+    shapes = {
+        "mean": (1, document.encoder.dimension),
+        "matrix": (document.encoder.dimension, document.dimension),
+    }
+    store = FolderStore(root)
+    arrays = {}
+    try:
+        for name, shape in shapes.items():
+            array = open_array(store, f"{_SPACE}/{name}")
+            if array.shape != shape or array.dtype != np.float32:
+                raise DamagedDataError(
+                    f"{array.shape} {array.dtype}, expected {shape} float32",
+                    where=root / _SPACE / name,
+                )
+            if shape[0] * shape[1] > _MOST_SPACE:
+                raise LimitError(f"a matrix of {shape}", where=root / _SPACE / name)
+            arrays[name] = array.read()
+    finally:
+        store.close()
+    if not all(np.isfinite(array).all() for array in arrays.values()):
+        raise DamagedDataError("numbers are not finite", where=root / _SPACE)
+    return Space(arrays["mean"][0], arrays["matrix"])
+
+
+def _merged(blocks: list[np.ndarray]) -> list[np.ndarray]:
+    """Put neighbours together that are small: each block has its cost."""
+    merged: list[np.ndarray] = []
+    waiting: list[np.ndarray] = []
+    for block in [*blocks, None]:
+        if block is not None and len(block) < _SMALL_BLOCK:
+            waiting.append(block)
+            continue
+        if waiting:
+            merged.append(np.concatenate(waiting) if len(waiting) > 1 else waiting[0])
+            waiting = []
+        if block is not None:
+            merged.append(block)
+    return merged
+
+
+def _codes(tables: Sequence[Any], unique: str) -> np.ndarray:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if not tables:
+        return np.empty(0, dtype=np.int64)
+    columns = []
+    for table in tables:
+        name = table.column("name")
+        # An id and a name that are the same word are not the same group.
+        part = pc.binary_join_element_wise("part", table.column("part_id"), "/")
+        columns.append(name if unique == "object" else pc.coalesce(part, name))
+    chunks = [chunk for column in columns for chunk in column.chunks]
+    values = pa.chunked_array(chunks, pa.string()).combine_chunks()
+    return np.asarray(values.dictionary_encode().indices.to_numpy(zero_copy_only=False))
+
+
+def _built_in(digest: str) -> Encoder | None:
+    from exumi_loaders.texture import TextureEncoder
+
+    return next((e for e in map(TextureEncoder, (1, 3)) if e.digest == digest), None)
+
+
+def _encoder_for(dataset: "Dataset", stream: str | Sequence[str] | None) -> Encoder:
+    from exumi_loaders.clips import Clips
+    from exumi_loaders.texture import TextureEncoder
+
+    return TextureEncoder(Clips(dataset, stream=stream).table[0].shape[2])
