@@ -207,7 +207,9 @@ def _loaded(
         if weights is not None:
             raise UsageError("weights belong to a module; a TorchScript file has its own")
         try:
-            return torch.jit.load(str(model), map_location="cpu"), sha256_file(Path(model))
+            digest = sha256_file(Path(model))
+            script: torch.nn.Module = torch.jit.load(str(model), map_location="cpu")  # type: ignore[no-untyped-call]  # PyTorch does not say
+            return script, digest
         except (RuntimeError, ValueError) as error:
             raise DamagedDataError(f"no TorchScript file ({_first(error)})", where=model) from None
     if weights is not None:

@@ -98,9 +98,7 @@ def _living(
     return np.concatenate(segment.blocks)[alive], segment.entries(alive)
 
 
-def _write(
-    root: Path, document: IndexDocument, segments: list[SegmentStatement]
-) -> IndexDocument:
+def _write(root: Path, document: IndexDocument, segments: list[SegmentStatement]) -> IndexDocument:
     changed = document.model_copy(
         update={"segments": segments, "generation": document.generation + 1}
     )

@@ -5,13 +5,15 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from exumi_data.errors import DamagedDataError, UsageError
 from exumi_data.store.files import atomic_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Entry", "Provenance", "entry_of", "read_entries", "write_entries"]
+__all__ = ["Entry", "Provenance", "entry_of", "group_codes", "read_entries", "write_entries"]
 
 Provenance = Literal["human", "model"]
 
@@ -165,3 +167,32 @@ def entry_of(row: dict[str, Any]) -> Entry:
     known = {**row, "adjectives": tuple(row["adjectives"]), "origins": tuple(row["origins"])}
     known["labels"] = {label["property"]: label["value"] for label in row["labels"]}
     return Entry(**known)
+
+
+def group_codes(tables: Sequence["pa.Table"], unique: str) -> np.ndarray:
+    """Give numbers to objects (by name) or to parts (by part id; where there is none, by name).
+
+    Parameters
+    ----------
+    tables : sequence of pyarrow.Table
+    unique : {"object", "part"}
+
+    Returns
+    -------
+    (N,) int
+        Of each row of the tables, one after the other.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if not tables:
+        return np.empty(0, dtype=np.int64)
+    columns = []
+    for table in tables:
+        name = table.column("name")
+        # An id and a name that are the same word are not the same group.
+        part = pc.binary_join_element_wise("part", table.column("part_id"), "/")
+        columns.append(name if unique == "object" else pc.coalesce(part, name))
+    chunks = [chunk for column in columns for chunk in column.chunks]
+    values = pa.chunked_array(chunks, pa.string()).combine_chunks()
+    return np.asarray(values.dictionary_encode().indices.to_numpy(zero_copy_only=False))

@@ -38,9 +38,7 @@ class FaissSearch:
         self._index = faiss.IndexFlatIP(width)
         if len(self._numbers) >= _FLAT_BELOW:
             lists = min(int(4 * len(self._numbers) ** 0.5), len(self._numbers) // _PER_LIST)
-            self._index = faiss.IndexIVFFlat(
-                self._index, width, lists, faiss.METRIC_INNER_PRODUCT
-            )
+            self._index = faiss.IndexIVFFlat(self._index, width, lists, faiss.METRIC_INNER_PRODUCT)
             self._index.nprobe = max(1, round(_PROBED * lists))
             every = -(-len(self._numbers) // (_PER_LIST * lists * 2))
             self._index.train(_rows(blocks, self._numbers[::every]))

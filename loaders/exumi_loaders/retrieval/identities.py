@@ -22,9 +22,9 @@ def frames_identity(frames: np.ndarray, reference: np.ndarray | None) -> str:
     reference : (H, W, C) uint8 or None
     """
     state = hashlib.sha256(repr(frames.shape).encode())
-    state.update(np.ascontiguousarray(frames))
+    state.update(np.ascontiguousarray(frames).data)
     if reference is not None:
-        state.update(np.ascontiguousarray(reference))
+        state.update(np.ascontiguousarray(reference).data)
     return f"pixels:{state.hexdigest()[:_DIGITS]}"
 
 

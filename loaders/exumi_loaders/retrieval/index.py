@@ -1,4 +1,4 @@
-"""`TactileIndex`: what felt like this before?"""
+"""`TactileIndex`: what has felt like this before."""
 
 import os
 import uuid
@@ -10,21 +10,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from exumi_data.errors import DamagedDataError, LimitError, UsageError
-from exumi_data.model.documents import group_document
-from exumi_data.store.access import FolderStore
-from exumi_data.store.files import claim_folder, sync_folder, sync_tree
-from exumi_data.store.shards import open_array
 from exumi_loaders.encoder import Encoder, Kind
 from exumi_loaders.retrieval import changes
-from exumi_loaders.retrieval.building import Embedding, EncodedClips, embed, encode_clips
-from exumi_loaders.retrieval.document import (
-    EncoderStatement,
-    IndexDocument,
-    SourceStatement,
-)
-from exumi_loaders.retrieval.entries import Entry, Provenance, entry_of
+from exumi_loaders.retrieval.building import Embedding, embed, encode_clips
+from exumi_loaders.retrieval.document import IndexDocument, SourceStatement
+from exumi_loaders.retrieval.entries import Entry, Provenance, entry_of, group_codes
 from exumi_loaders.retrieval.faiss_search import FaissSearch
-from exumi_loaders.retrieval.folder import changing, read_document, write_document
+from exumi_loaders.retrieval.folder import changing, read_document
 from exumi_loaders.retrieval.matches import (
     RANKINGS,
     UNIQUE,
@@ -36,8 +28,9 @@ from exumi_loaders.retrieval.matches import (
     similar_line,
 )
 from exumi_loaders.retrieval.search import ExactSearch, Search
-from exumi_loaders.retrieval.segments import Segment, open_segment, write_segment, write_vectors
-from exumi_loaders.retrieval.space import METHOD, Space, fit_space, unit
+from exumi_loaders.retrieval.segments import Segment, merge_small, open_segment
+from exumi_loaders.retrieval.space import unit
+from exumi_loaders.retrieval.writing import check_free, read_space, write_index
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
@@ -48,10 +41,7 @@ Backend = Literal["exact", "faiss"]
 Example = Embedding | tuple[np.ndarray, np.ndarray | None]
 """A clip to query or teach with: its embedding, or (frames, reference)."""
 
-_SPACE = "space"
-_MOST_SPACE = 1 << 26  # numbers of the matrix
 _MOST_ENTRIES_BYTES = 8 << 30
-_SMALL_BLOCK = 4096
 _TRIES = 5
 
 
@@ -171,7 +161,7 @@ class TactileIndex:
         return cls(path, encoder=encoder, backend=backend)
 
     @classmethod
-    def build(
+    def build(  # noqa: PLR0913  # keyword-only options, each with a default
         cls,
         dataset: "Dataset",
         encoder: Encoder | None = None,
@@ -219,7 +209,7 @@ class TactileIndex:
             A frame cannot be decoded.
         """
         target = Path(path)
-        _check_free(target)
+        check_free(target)
         if split is not None:
             from exumi_data.splits import split_ids
 
@@ -258,7 +248,7 @@ class TactileIndex:
                     raise
 
     def _take(self, document: IndexDocument) -> None:
-        space = _read_space(self.path, document)
+        space = read_space(self.path, document)
         segments: list[Segment] = []
         taken = 0
         for statement in document.segments:
@@ -274,7 +264,7 @@ class TactileIndex:
         self._search = self._searcher()
 
     def _searcher(self) -> Search:
-        blocks = _merged([block for segment in self._segments for block in segment.blocks])
+        blocks = merge_small([block for segment in self._segments for block in segment.blocks])
         forgotten = any(segment.statement.forgotten for segment in self._segments)
         alive = np.concatenate([s.alive for s in self._segments]) if forgotten else None
         if self._backend == "faiss":
@@ -297,7 +287,7 @@ class TactileIndex:
         document = self._document
         source = document.source
         living = [s.table.filter(s.alive) for s in self._segments]
-        codes = {unique: _codes(living, unique) for unique in ("object", "part")}
+        codes = {unique: group_codes(living, unique) for unique in ("object", "part")}
         return IndexInfo(
             path=str(self.path),
             generation=document.generation,
@@ -426,7 +416,8 @@ class TactileIndex:
         """
         queries = embeddings if isinstance(embeddings, np.ndarray) else self.place(embeddings)
         if queries.ndim != 2 or queries.shape[1] != self._document.dimension:
-            raise UsageError(f"queries of {queries.shape}, expected (B, {self._document.dimension})")
+            width = self._document.dimension
+            raise UsageError(f"queries of {queries.shape}, expected (B, {width})")
         if k < 1:
             raise UsageError(f"k is {k}, not a positive number")
         return self._search.nearest(np.ascontiguousarray(queries, dtype=np.float32), k)
@@ -538,7 +529,7 @@ class TactileIndex:
         if unique == "clip":
             return np.arange(int(self._starts[-1]))
         if unique not in self._groups:
-            self._groups[unique] = _codes([s.table for s in self._segments], unique)
+            self._groups[unique] = group_codes([s.table for s in self._segments], unique)
         return self._groups[unique]
 
     def line(
@@ -682,132 +673,6 @@ class TactileIndex:
                 where=self.path,
                 fix="Use the encoder of the index, or build another index.",
             )
-
-
-def write_index(
-    target: Path,
-    clips: EncodedClips,
-    encoder: Encoder,
-    *,
-    frames: int,
-    source: SourceStatement | None = None,
-) -> None:
-    """Write an index of clips that are encoded; it appears when it is complete.
-
-    Parameters
-    ----------
-    target : pathlib.Path
-        A new folder.
-    clips : EncodedClips
-    encoder : Encoder
-    frames : int
-    source : SourceStatement, optional
-    """
-    _check_free(target)
-    space = None if encoder.whitening is None else fit_space(clips.vectors, encoder.whitening)
-    placed = unit(clips.vectors) if space is None else space.place(clips.vectors)
-    partial = target.with_name(f".partial-{target.name}")
-    claim = claim_folder(partial)
-    try:
-        (partial / "zarr.json").write_bytes(group_document())
-        if space is not None:
-            folder = partial / _SPACE
-            folder.mkdir()
-            (folder / "zarr.json").write_bytes(group_document())
-            write_vectors(folder / "mean", space.mean[None])
-            write_vectors(folder / "matrix", space.matrix)
-        statement = EncoderStatement(
-            name=encoder.name, digest=encoder.digest, dimension=encoder.dimension
-        )
-        document = IndexDocument(
-            encoder=statement,
-            frames=frames,
-            dimension=placed.shape[1],
-            space=None if space is None else METHOD,
-            source=source,
-            segments=[write_segment(partial, placed, clips.entries)],
-        )
-        write_document(partial, document)
-        sync_tree(partial)
-        _check_free(target)
-        partial.rename(target)
-        sync_folder(target.parent)
-    except BaseException:
-        import shutil
-
-        shutil.rmtree(partial, ignore_errors=True)
-        raise
-    finally:
-        os.close(claim)
-
-
-def _check_free(target: Path) -> None:
-    if target.exists() or target.is_symlink():
-        raise UsageError(
-            "is there already", where=target, fix="Remove it first, or name another folder."
-        )
-
-
-def _read_space(root: Path, document: IndexDocument) -> Space | None:
-    if document.space is None:
-        if document.dimension != document.encoder.dimension:
-            raise DamagedDataError("the index has another dimension than its encoder", where=root)
-        return None
-    shapes = {
-        "mean": (1, document.encoder.dimension),
-        "matrix": (document.encoder.dimension, document.dimension),
-    }
-    store = FolderStore(root)
-    arrays = {}
-    try:
-        for name, shape in shapes.items():
-            array = open_array(store, f"{_SPACE}/{name}")
-            if array.shape != shape or array.dtype != np.float32:
-                raise DamagedDataError(
-                    f"{array.shape} {array.dtype}, expected {shape} float32",
-                    where=root / _SPACE / name,
-                )
-            if shape[0] * shape[1] > _MOST_SPACE:
-                raise LimitError(f"a matrix of {shape}", where=root / _SPACE / name)
-            arrays[name] = array.read()
-    finally:
-        store.close()
-    if not all(np.isfinite(array).all() for array in arrays.values()):
-        raise DamagedDataError("numbers are not finite", where=root / _SPACE)
-    return Space(arrays["mean"][0], arrays["matrix"])
-
-
-def _merged(blocks: list[np.ndarray]) -> list[np.ndarray]:
-    """Put neighbours together that are small: each block has its cost."""
-    merged: list[np.ndarray] = []
-    waiting: list[np.ndarray] = []
-    for block in [*blocks, None]:
-        if block is not None and len(block) < _SMALL_BLOCK:
-            waiting.append(block)
-            continue
-        if waiting:
-            merged.append(np.concatenate(waiting) if len(waiting) > 1 else waiting[0])
-            waiting = []
-        if block is not None:
-            merged.append(block)
-    return merged
-
-
-def _codes(tables: Sequence[Any], unique: str) -> np.ndarray:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    if not tables:
-        return np.empty(0, dtype=np.int64)
-    columns = []
-    for table in tables:
-        name = table.column("name")
-        # An id and a name that are the same word are not the same group.
-        part = pc.binary_join_element_wise("part", table.column("part_id"), "/")
-        columns.append(name if unique == "object" else pc.coalesce(part, name))
-    chunks = [chunk for column in columns for chunk in column.chunks]
-    values = pa.chunked_array(chunks, pa.string()).combine_chunks()
-    return np.asarray(values.dictionary_encode().indices.to_numpy(zero_copy_only=False))
 
 
 def _built_in(digest: str) -> Encoder | None:

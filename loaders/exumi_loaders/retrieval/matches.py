@@ -9,7 +9,16 @@ import numpy as np
 from exumi_data.errors import UsageError
 from exumi_loaders.retrieval.entries import Entry
 
-__all__ = ["RANKINGS", "UNIQUE", "Match", "Ranking", "Unique", "check_choice", "rank", "similar_line"]
+__all__ = [
+    "RANKINGS",
+    "UNIQUE",
+    "Match",
+    "Ranking",
+    "Unique",
+    "check_choice",
+    "rank",
+    "similar_line",
+]
 
 Ranking = Literal["similarity", "matches"]
 Unique = Literal["object", "part", "clip"]

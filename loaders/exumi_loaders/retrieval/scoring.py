@@ -24,7 +24,7 @@ _WAYS: tuple[tuple[By, Ranking], ...] = (
     ("object", "matches"),
 )
 _RESAMPLED = 2000
-_SAMPLES = 5  # nearest clips that ranking by matches looks at, as in Octopi
+_PLACES = 5  # also the nearest clips that ranking by matches looks at, as in Octopi
 
 
 @dataclass(frozen=True)
@@ -105,31 +105,125 @@ def evaluate(index: TactileIndex, clips: EncodedClips) -> list[Score]:
     Returns
     -------
     list of Score
-        By part and by object, in both rankings; those for which something is known. A part or
+        By part and by object, in both rankings, as far as is known what was touched. A part or
         object that the index does not have counts as not found.
 
     Raises
     ------
     UsageError
-        The index holds one of the clips, or they are of another encoder, or nothing is known of
-        what they touched.
+        The index holds one of the clips; they are of another encoder; nothing is known of what
+        they touched.
     """
-    for number, entry in enumerate(clips.entries):
-        if index.holds(entry.origins):
-            raise UsageError(
-                f"the index holds {entry.id}: a query that finds itself says nothing "
-                f"({_held(index, clips)} of {len(clips)} queries are in it)",
-                where=index.path,
-                fix="Score with clips of another split, or with leave_one_out (--leave-one-out).",
-            )
-        index.place([clips.embedding(number)])  # refuses another encoder before anything is scored
     placed = index.place([clips.embedding(number) for number in range(len(clips))])
-    wanted = min(len(index), 64)
-    known = index.entries()
-    truth = _Truth(known, clips.entries)
-    vectors = np.concatenate([block for s in index.segments for block in s.living()])
-    return truth.scores([np.argsort(-(vectors @ query), kind="stable") for query in placed[:, :]])
+    held = [entry.id for entry in clips.entries if index.holds(entry.origins)]
+    if held:
+        raise UsageError(
+            f"the index holds {len(held)} of {len(clips)} queries, the first is {held[0]}: a query "
+            "that finds itself says nothing",
+            where=index.path,
+            fix="Score with clips of another split, or each clip by an index without it: "
+            "leave_one_out(), --leave-one-out.",
+        )
+
+    def found(number: int, by: By, ranking: Ranking) -> list[str]:
+        matches = index.ranked(
+            placed[number : number + 1],
+            k=_PLACES,
+            ranking=ranking,
+            unique=by,
+            samples=_PLACES if ranking == "matches" else None,
+        )
+        return [_label(match.entry, by) for match in matches]
+
+    return _scores(clips.entries, found)
 
 
-def _held(index: TactileIndex, clips: EncodedClips) -> int:
-    return sum(index.holds(entry.origins) for entry in clips.entries)
+def leave_one_out(
+    clips: EncodedClips,
+    encoder: Encoder,
+    *,
+    on_done: Callable[[int, int], None] = lambda _done, _total: None,
+) -> list[Score]:
+    """Score each clip by an index of all the others, whose space has not seen it either.
+
+    Parameters
+    ----------
+    clips : EncodedClips
+    encoder : Encoder
+        The one that made them.
+    on_done : callable
+        Told of the clips scored, and of all.
+
+    Returns
+    -------
+    list of Score
+
+    Raises
+    ------
+    UsageError
+        The clips are of another encoder, or nothing is known of what they touched.
+    """
+    if encoder.digest != clips.encoder:
+        raise UsageError(f"the clips were encoded by {clips.encoder}, not by {encoder.digest}")
+    nearest = []
+    for number in range(len(clips)):
+        others = np.delete(np.arange(len(clips)), number)
+        similarity = _similarity(clips.vectors, others, number, encoder.whitening)
+        order = np.argsort(-similarity, kind="stable")
+        nearest.append((others[order], similarity[order]))
+        on_done(number + 1, len(clips))
+    labels: dict[By, np.ndarray] = {
+        by: np.unique([_label(e, by) for e in clips.entries], return_inverse=True)[1]
+        for by in ("part", "object")
+    }
+
+    def found(number: int, by: By, ranking: Ranking) -> list[str]:
+        rows, similarity = nearest[number]
+        if ranking == "matches":
+            rows, similarity = rows[:_PLACES], similarity[:_PLACES]
+        first, _ = rank(labels[by][rows], similarity, ranking)
+        return [_label(clips.entries[row], by) for row in rows[first[:_PLACES]]]
+
+    return _scores(clips.entries, found)
+
+
+def _similarity(
+    vectors: np.ndarray, others: np.ndarray, number: int, whitening: int | None
+) -> np.ndarray:
+    known, query = vectors[others], vectors[number : number + 1]
+    if whitening is None:
+        return np.asarray((unit(known) @ unit(query).T)[:, 0])
+    space = fit_space(known, whitening)
+    return np.asarray((space.place(known) @ space.place(query).T)[:, 0])
+
+
+def _label(entry: Entry, by: By) -> str:
+    """Return the part or object, told apart as an index does."""
+    return f"part/{entry.part_id}" if by == "part" and entry.part_id else entry.name
+
+
+def _scores(
+    entries: Sequence[Entry], found: Callable[[int, By, Ranking], list[str]]
+) -> list[Score]:
+    scores = []
+    for by, ranking in _WAYS:
+        asked = [n for n, entry in enumerate(entries) if _is_known(entry, by)]
+        if not asked:
+            continue
+        truth = [_label(entries[n], by) for n in asked]
+        places = [found(n, by, ranking) for n in asked]
+        pairs = list(zip(truth, places, strict=True))
+        clusters = np.array([_label(entries[n], "part") for n in asked])
+        first = np.array([place[:1] == [label] for label, place in pairs])
+        five = np.array([label in place for label, place in pairs])
+        share = (clustered(first, clusters), clustered(five, clusters))
+        scores.append(Score(by, ranking, len(asked), len(set(truth)), *share))
+    if not scores:
+        raise UsageError(
+            "nothing is known of what the clips touched", fix="They need part or object ids."
+        )
+    return scores
+
+
+def _is_known(entry: Entry, by: By) -> bool:
+    return (entry.part_id if by == "part" else entry.object_id) is not None

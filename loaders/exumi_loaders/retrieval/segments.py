@@ -20,11 +20,12 @@ from exumi_loaders.retrieval.entries import Entry, entry_of, read_entries, write
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["SEGMENTS", "Segment", "open_segment", "write_segment", "write_vectors"]
+__all__ = ["SEGMENTS", "Segment", "merge_small", "open_segment", "write_segment", "write_vectors"]
 
 SEGMENTS = "segments"
 VECTORS = "embeddings"
 ENTRIES = "entries.parquet"
+_SMALL_BLOCK = 4096
 _CHUNK_BYTES = 1 << 20
 
 
@@ -165,3 +166,19 @@ def map_vectors(root: Path, path: str, shape: tuple[int, int]) -> list[np.ndarra
         return blocks
     finally:
         store.close()
+
+
+def merge_small(blocks: list[np.ndarray]) -> list[np.ndarray]:
+    """Put neighbours together that are small: each block has its cost."""
+    merged: list[np.ndarray] = []
+    waiting: list[np.ndarray] = []
+    for block in [*blocks, None]:
+        if block is not None and len(block) < _SMALL_BLOCK:
+            waiting.append(block)
+            continue
+        if waiting:
+            merged.append(np.concatenate(waiting) if len(waiting) > 1 else waiting[0])
+            waiting = []
+        if block is not None:
+            merged.append(block)
+    return merged

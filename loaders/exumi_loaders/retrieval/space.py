@@ -1,6 +1,7 @@
 """The space in which an index compares: its encoder's vectors, whitened, of length 1."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from exumi_data.errors import UsageError
 
 __all__ = ["METHOD", "Space", "fit_space", "unit"]
 
-METHOD = "half-whitening/1"
+METHOD: Final = "half-whitening/1"
 _RANK = 1e-9  # eigenvalues below this share of the largest are rounding
 _TINY = 1e-12
 
