@@ -11,7 +11,6 @@ from exumi_data.errors import MissingExtraError
 if TYPE_CHECKING:
     from exumi_loaders.active_sampler import ActiveWindowSampler
     from exumi_loaders.clips import Clip, Clips
-    from exumi_loaders.encoder import Encoder
     from exumi_loaders.representation import TactileRepresentation
     from exumi_loaders.retrieval.building import Embedding, encode_clips
     from exumi_loaders.retrieval.entries import Entry
@@ -30,7 +29,6 @@ __all__ = [
     "Clip",
     "Clips",
     "Embedding",
-    "Encoder",
     "Entry",
     "Match",
     "Score",
@@ -55,7 +53,6 @@ _HOME = {
     "Clip": "clips",
     "Clips": "clips",
     "Embedding": "retrieval.building",
-    "Encoder": "encoder",
     "Entry": "retrieval.entries",
     "Match": "retrieval.matches",
     "Score": "retrieval.scoring",

@@ -1,6 +1,7 @@
 """Vision models as encoders of touch: CLIP-style towers with weights on this machine."""
 
 import hashlib
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -96,7 +97,7 @@ class VisionEncoder:
         default = {**OCTOPI_STATISTICS, (None, None): CLIP_STATISTICS}
         self._statistics = dict(default if statistics is None else statistics)
         self._module, weighed = _loaded(model, weights)
-        self._module = self._module.eval().requires_grad_(requires_grad=False).to(device)
+        self._module = self._module.eval().to(device)
         self._digest = self._settings(weighed)
         self._dimension = self._forward(torch.zeros(1, 3, size, size)).shape[1]
 
@@ -208,7 +209,10 @@ def _loaded(
             raise UsageError("weights belong to a module; a TorchScript file has its own")
         try:
             digest = sha256_file(Path(model))
-            script: torch.nn.Module = torch.jit.load(str(model), map_location="cpu")  # type: ignore[no-untyped-call]  # PyTorch does not say
+            with warnings.catch_warnings():
+                # PyTorch would rather have other formats; these files are there.
+                warnings.simplefilter("ignore", DeprecationWarning)
+                script: torch.nn.Module = torch.jit.load(str(model), map_location="cpu")  # type: ignore[no-untyped-call]  # PyTorch does not say
             return script, digest
         except (RuntimeError, ValueError) as error:
             raise DamagedDataError(f"no TorchScript file ({_first(error)})", where=model) from None

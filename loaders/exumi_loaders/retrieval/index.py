@@ -490,7 +490,22 @@ class TactileIndex:
         unique: Unique,
         samples: int | None = None,
     ) -> list[Match]:
-        """Find what is nearest to a vector (1, d) of `place`; the rest as of `query`."""
+        """Find what is nearest to a vector of `place`.
+
+        Parameters
+        ----------
+        vector : (1, d) float32
+        k : int
+        ranking : {"similarity", "matches"}
+        unique : {"object", "part", "clip"}
+        samples : int, optional
+            As of `query`.
+
+        Returns
+        -------
+        list of Match
+            The best first.
+        """
         check_choice("ranking", ranking, RANKINGS)
         check_choice("unique", unique, UNIQUE)
         if k < 1 or (samples is not None and samples < 1):
