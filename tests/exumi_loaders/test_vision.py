@@ -9,13 +9,13 @@ import torch
 
 import exumi_data
 from exumi_data.errors import DamagedDataError, UsageError
-from exumi_loaders.encoder import Encoder
+from exumi_loaders.encoder import Encoder, Kind
 from exumi_loaders.retrieval.index import TactileIndex
 from exumi_loaders.texture import TextureEncoder
-from exumi_loaders.vision import OCTOPI_STATISTICS, VisionEncoder
+from exumi_loaders.vision import OCTOPI_STATISTICS, Statistics, VisionEncoder
 from tests.exumi_loaders.retrieval.gratings import write_gratings
 
-PLAIN = {(None, None): ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))}
+PLAIN: dict[Kind, Statistics] = {(None, None): ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))}
 
 
 class Tower(torch.nn.Module):
@@ -43,7 +43,8 @@ def test_an_embedding_is_the_mean_over_frames_of_length_one() -> None:
     quarters = (frames / 255).reshape(5, 2, 8, 2, 8, 3).mean((2, 4)).mean(0)
     expected = quarters.transpose(2, 0, 1).ravel()
     np.testing.assert_allclose(vector, expected / np.linalg.norm(expected), atol=1e-5)
-    assert (vector.shape, vector.dtype, encoder.dimension) == ((12,), np.float32, 12)
+    assert vector.shape == (encoder.dimension,) == (12,)
+    assert vector.dtype == np.float32
 
 
 def test_frames_are_normalised_then_padded_to_a_square() -> None:
@@ -92,7 +93,8 @@ def test_weights_are_read_and_told_by_their_digest(tmp_path: Path) -> None:
 # PyTorch would rather have other formats; such files are there.
 @pytest.mark.filterwarnings("ignore:.*torch.jit.*deprecated:DeprecationWarning")
 def test_a_torchscript_file_is_an_encoder(tmp_path: Path) -> None:
-    torch.jit.trace(Tower(), torch.zeros(1, 3, 16, 16)).save(str(tmp_path / "tower.pt"))
+    traced: Any = torch.jit.trace(Tower(), torch.zeros(1, 3, 16, 16))  # type: ignore[no-untyped-call]  # PyTorch does not say
+    traced.save(str(tmp_path / "tower.pt"))
     frames = np.full((2, 16, 16, 3), 200, np.uint8)
     script = VisionEncoder(tmp_path / "tower.pt", size=16)
     np.testing.assert_allclose(

@@ -1,7 +1,7 @@
 """What an index knows of each of its vectors: a Parquet table beside them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,6 +19,7 @@ Provenance = Literal["human", "model"]
 
 _MOST_LETTERS = 1000
 _MOST_WORDS = 200
+_ROWS = 65_536  # written at a time
 
 
 @dataclass(frozen=True)
@@ -107,16 +108,21 @@ def write_entries(path: Path, entries: Sequence[Entry]) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows = [
-        {
-            **asdict(entry),
-            "labels": [{"property": k, "value": v} for k, v in entry.labels.items()],
-        }
-        for entry in entries
-    ]
-    table = pa.Table.from_pylist(rows, schema=_schema())
-    with atomic_file(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+    with (
+        atomic_file(path) as temporary,
+        pq.ParquetWriter(
+            temporary, _schema(), compression="zstd", write_page_checksum=True
+        ) as writer,
+    ):
+        for start in range(0, len(entries), _ROWS):
+            rows = [_row(entry) for entry in entries[start : start + _ROWS]]
+            writer.write_table(pa.Table.from_pylist(rows, schema=_schema()))
+
+
+def _row(entry: Entry) -> dict[str, Any]:
+    row = {field.name: getattr(entry, field.name) for field in fields(entry)}
+    row["labels"] = [{"property": key, "value": value} for key, value in entry.labels.items()]
+    return row
 
 
 def read_entries(path: Path, rows: int) -> "pa.Table":

@@ -1,6 +1,8 @@
 """A dataset of gratings, an index of it, and copies of that to change."""
 
+import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -8,6 +10,14 @@ import pytest
 import exumi_data
 from exumi_loaders.retrieval.index import TactileIndex
 from tests.exumi_loaders.retrieval.gratings import write_gratings
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _no_power_loss() -> Iterator[None]:
+    """Nothing here shows what a power loss leaves; waiting for the disk is most of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _descriptor: None)
+        yield
 
 
 @pytest.fixture(scope="session")
