@@ -3,20 +3,19 @@
 import os
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from exumi_data.errors import DamagedDataError, LimitError, UsageError
+from exumi_data.errors import UsageError
 from exumi_loaders.encoder import Encoder, Kind
 from exumi_loaders.retrieval import changes
 from exumi_loaders.retrieval.building import Embedding, embed, encode_clips
+from exumi_loaders.retrieval.contents import Backend, IndexInfo, open_contents
 from exumi_loaders.retrieval.document import IndexDocument, SourceStatement
-from exumi_loaders.retrieval.entries import Entry, Provenance, entry_of, group_codes
-from exumi_loaders.retrieval.faiss_search import FaissSearch
-from exumi_loaders.retrieval.folder import changing, read_document
+from exumi_loaders.retrieval.entries import Entry, Provenance
+from exumi_loaders.retrieval.folder import changing
 from exumi_loaders.retrieval.matches import (
     RANKINGS,
     UNIQUE,
@@ -27,67 +26,16 @@ from exumi_loaders.retrieval.matches import (
     rank,
     similar_line,
 )
-from exumi_loaders.retrieval.search import ExactSearch, Search
-from exumi_loaders.retrieval.segments import Segment, merge_small, open_segment
 from exumi_loaders.retrieval.space import unit
-from exumi_loaders.retrieval.writing import check_free, read_space, write_index
+from exumi_loaders.retrieval.writing import check_free, write_index
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
 
-__all__ = ["Backend", "Example", "IndexInfo", "TactileIndex"]
+__all__ = ["Example", "TactileIndex"]
 
-Backend = Literal["exact", "faiss"]
 Example = Embedding | tuple[np.ndarray, np.ndarray | None]
 """A clip to query or teach with: its embedding, or (frames, reference)."""
-
-_MOST_ENTRIES_BYTES = 8 << 30
-_TRIES = 5
-
-
-@dataclass(frozen=True)
-class IndexInfo:
-    """What an index holds, and what it was made from.
-
-    Attributes
-    ----------
-    path : str
-    generation : int
-        Changes since it was built.
-    encoder, encoder_digest : str
-    dimension : int
-        Of the vectors that are compared.
-    space : str or None
-        How the encoder's vectors were made comparable, fitted on the clips of the build.
-    frames : int
-        Salient frames a clip.
-    dataset, dataset_digest, split : str or None
-        Where the clips of the build come from.
-    entries, taught, forgotten : int
-        Those that count; those of them that were taught; those that no longer count.
-    objects, parts : int
-        Of those that count. What has no part id is a part by its name.
-    """
-
-    path: str
-    generation: int
-    encoder: str
-    encoder_digest: str
-    dimension: int
-    space: str | None
-    frames: int
-    dataset: str | None
-    dataset_digest: str | None
-    split: str | None
-    entries: int
-    taught: int
-    forgotten: int
-    objects: int
-    parts: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what JSON can write."""
-        return asdict(self)
 
 
 class TactileIndex:
@@ -120,7 +68,7 @@ class TactileIndex:
         self.path = Path(path)
         self._backend = backend
         self._load()
-        self.encoder = encoder or _built_in(self._document.encoder.digest)
+        self.encoder = encoder or _built_in(self.document.encoder.digest)
         if encoder is not None:
             self._check_encoder(encoder.digest)
 
@@ -234,45 +182,10 @@ class TactileIndex:
         return cls(target, encoder=encoder)
 
     def _load(self) -> None:
-        for attempt in range(_TRIES):
-            document = read_document(self.path)
-            try:
-                self._take(document)
-                return
-            except DamagedDataError:
-                # Another process may have changed the index between two files.
-                if (
-                    attempt == _TRIES - 1
-                    or read_document(self.path).generation == document.generation
-                ):
-                    raise
-
-    def _take(self, document: IndexDocument) -> None:
-        space = read_space(self.path, document)
-        segments: list[Segment] = []
-        taken = 0
-        for statement in document.segments:
-            segments.append(open_segment(self.path, statement, document.dimension))
-            taken += segments[-1].table.nbytes
-            if taken > _MOST_ENTRIES_BYTES:
-                raise LimitError("the tables of entries take too much memory", where=self.path)
-        self._document = document
-        self._space = space
-        self._segments = segments
-        self._starts = np.cumsum([0, *(segment.statement.rows for segment in segments)])
-        self._groups: dict[str, np.ndarray] = {}
-        self._search = self._searcher()
-
-    def _searcher(self) -> Search:
-        blocks = merge_small([block for segment in self._segments for block in segment.blocks])
-        forgotten = any(segment.statement.forgotten for segment in self._segments)
-        alive = np.concatenate([s.alive for s in self._segments]) if forgotten else None
-        if self._backend == "faiss":
-            return FaissSearch(blocks, alive)
-        return ExactSearch(blocks, alive)
+        self._contents = open_contents(self.path, self._backend)
 
     def __len__(self) -> int:
-        return sum(s.statement.rows - len(s.statement.forgotten) for s in self._segments)
+        return len(self._contents)
 
     def __repr__(self) -> str:
         return f"<TactileIndex {str(self.path)!r}, {len(self)} entries>"
@@ -280,35 +193,15 @@ class TactileIndex:
     @property
     def document(self) -> IndexDocument:
         """What ``index.json`` says."""
-        return self._document
+        return self._contents.document
 
     def info(self) -> IndexInfo:
         """Return what the index holds, and what it was made from."""
-        document = self._document
-        source = document.source
-        living = [s.table.filter(s.alive) for s in self._segments]
-        codes = {unique: group_codes(living, unique) for unique in ("object", "part")}
-        return IndexInfo(
-            path=str(self.path),
-            generation=document.generation,
-            encoder=document.encoder.name,
-            encoder_digest=document.encoder.digest,
-            dimension=document.dimension,
-            space=document.space,
-            frames=document.frames,
-            dataset=source.name if source else None,
-            dataset_digest=source.digest if source else None,
-            split=source.split if source else None,
-            entries=len(self),
-            taught=sum(int(table.column("taught").to_numpy().sum()) for table in living),
-            forgotten=int(self._starts[-1]) - len(self),
-            objects=len(np.unique(codes["object"])),
-            parts=len(np.unique(codes["part"])),
-        )
+        return self._contents.info()
 
     def entries(self) -> list[Entry]:
         """Return all entries that count, in the order of their rows."""
-        return [entry for segment in self._segments for entry in segment.entries(segment.alive)]
+        return self._contents.entries()
 
     def holds(self, origins: Sequence[str]) -> bool:
         """Whether a clip is in the index.
@@ -321,16 +214,7 @@ class TactileIndex:
         origins : sequence of str
             What the clip can be told by: ``Embedding.origins``.
         """
-        import pyarrow as pa
-        import pyarrow.compute as pc
-
-        wanted = pa.array(list(origins), pa.string())
-        for segment in self._segments:
-            counts = segment.alive | ~segment.table.column("taught").to_numpy()
-            for chunk in segment.table.column("origins").filter(counts).chunks:
-                if pc.any(pc.is_in(chunk.flatten(), value_set=wanted)).as_py():
-                    return True
-        return False
+        return self._contents.holds(origins)
 
     def embed(
         self, frames: np.ndarray, reference: np.ndarray | None = None, *, kind: Kind = (None, None)
@@ -357,7 +241,7 @@ class TactileIndex:
         """
         if self.encoder is None:
             raise UsageError(
-                f"the index was made with {self._document.encoder.name}, which is not at hand",
+                f"the index was made with {self.document.encoder.name}, which is not at hand",
                 where=self.path,
                 fix="Open it with encoder=, made of the same weights.",
             )
@@ -380,7 +264,7 @@ class TactileIndex:
         UsageError
             They are of another encoder.
         """
-        width = self._document.encoder.dimension
+        width = self.document.encoder.dimension
         for embedding in embeddings:
             self._check_encoder(embedding.encoder)
             if embedding.vector.shape != (width,) or not np.isfinite(embedding.vector).all():
@@ -389,7 +273,7 @@ class TactileIndex:
                 )
         vectors = np.array([embedding.vector for embedding in embeddings], dtype=np.float32)
         vectors = vectors.reshape(len(embeddings), width)
-        return unit(vectors) if self._space is None else self._space.place(vectors)
+        return self._contents.place(vectors)
 
     def search(
         self, embeddings: Sequence[Embedding] | np.ndarray, k: int = 5
@@ -415,12 +299,12 @@ class TactileIndex:
             They are of another encoder, or of another dimension.
         """
         queries = embeddings if isinstance(embeddings, np.ndarray) else self.place(embeddings)
-        if queries.ndim != 2 or queries.shape[1] != self._document.dimension:
-            width = self._document.dimension
+        if queries.ndim != 2 or queries.shape[1] != self.document.dimension:
+            width = self.document.dimension
             raise UsageError(f"queries of {queries.shape}, expected (B, {width})")
         if k < 1:
             raise UsageError(f"k is {k}, not a positive number")
-        return self._search.nearest(np.ascontiguousarray(queries, dtype=np.float32), k)
+        return self._contents.search.nearest(np.ascontiguousarray(queries, dtype=np.float32), k)
 
     def entry(self, row: int) -> Entry:
         """Return the entry of a row.
@@ -429,9 +313,7 @@ class TactileIndex:
         ----------
         row : int
         """
-        number = int(np.searchsorted(self._starts, row, side="right")) - 1
-        table = self._segments[number].table
-        return entry_of(table.slice(int(row - self._starts[number]), 1).to_pylist()[0])
+        return self._contents.entry(row)
 
     def query(
         self,
@@ -523,7 +405,7 @@ class TactileIndex:
         self, vector: np.ndarray, k: int, unique: Unique, samples: int | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return similarity, row and group of the nearest rows, as many as are looked at."""
-        codes = self._codes(unique)
+        codes = self._contents.codes(unique)
         wanted = samples or 4 * k
         while True:
             similarity, rows = (found[0] for found in self.search(vector, wanted))
@@ -538,14 +420,6 @@ class TactileIndex:
             if len(rows) < wanted:
                 return similarity, rows, groups
             wanted *= 4
-
-    def _codes(self, unique: Unique) -> np.ndarray:
-        """Return the group of each row, (N,) int."""
-        if unique == "clip":
-            return np.arange(int(self._starts[-1]))
-        if unique not in self._groups:
-            self._groups[unique] = group_codes([s.table for s in self._segments], unique)
-        return self._groups[unique]
 
     def line(
         self,
@@ -676,11 +550,11 @@ class TactileIndex:
         return gone
 
     def _check_same_space(self, document: IndexDocument) -> None:
-        if document.encoder != self._document.encoder or document.source != self._document.source:
+        if document.encoder != self.document.encoder or document.source != self.document.source:
             raise UsageError("the index was replaced by another one", fix="Open it again.")
 
     def _check_encoder(self, digest: str) -> None:
-        mine = self._document.encoder.digest
+        mine = self.document.encoder.digest
         if digest != mine:
             raise UsageError(
                 f"the index was made with {mine}, this is of {digest}: their vectors cannot be "
