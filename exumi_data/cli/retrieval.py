@@ -43,7 +43,7 @@ TEACH_EPILOG = epilog(
 FORGET_EPILOG = epilog('exumi index forget my-index "an egg"')
 INFO_EPILOG = epilog("exumi index info my-index", "exumi index info my-index --format json")
 EVAL_EPILOG = epilog(
-    "exumi index eval my-index my-dataset --split octopi15/test",
+    "exumi index eval my-index my-dataset --split by-trial/test",
     "exumi index eval my-index my-dataset --leave-one-out",
 )
 
@@ -398,7 +398,13 @@ def _print_info(index: "TactileIndex", output: Format) -> None:
 
 
 def _print_scores(scores: "list[Score]", output: Format) -> None:
-    from exumi_data.cli.output import plain_table, print_json, print_table, result_console
+    from exumi_data.cli.output import (
+        error_console,
+        plain_table,
+        print_json,
+        print_table,
+        result_console,
+    )
 
     if output is Format.JSON:
         print_json([score.as_dict() for score in scores])
@@ -408,10 +414,19 @@ def _print_scores(scores: "list[Score]", output: Format) -> None:
         ("ranking", "left"),
         ("queries", "right"),
         ("of", "right"),
+        ("known", "right"),
         ("first (95 %)", "right"),
         ("in first five (95 %)", "right"),
     )
     for score in scores:
         shares = (f"{s.value:.1%} ({s.low:.0%} to {s.high:.0%})" for s in (score.first, score.five))
-        table.add_row(score.by, score.ranking, f"{score.queries:,}", f"{score.groups:,}", *shares)
+        counts = (f"{count:,}" for count in (score.queries, score.groups, score.known))
+        table.add_row(score.by, score.ranking, *counts, *shares)
     print_table(table, result_console())
+    if not any(score.known for score in scores):
+        error_console().print(
+            "note: the index knows none of these parts and objects, so nothing can be found; "
+            "see --leave-one-out",
+            style="dim",
+            markup=False,
+        )

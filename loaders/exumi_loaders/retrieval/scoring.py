@@ -1,5 +1,6 @@
 """How good is retrieval: first place, in the first five, with intervals."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
@@ -55,6 +56,9 @@ class Score:
         ``matches`` looks at the five nearest clips.
     queries, groups : int
         Clips that were asked with, and the parts or objects that they are of.
+    known : int
+        Queries whose part or object the index has. The others cannot be found, and count as not
+        found: with a split by part, nothing can.
     first, five : Share
     """
 
@@ -62,6 +66,7 @@ class Score:
     ranking: Ranking
     queries: int
     groups: int
+    known: int
     first: Share
     five: Share
 
@@ -135,7 +140,7 @@ def evaluate(index: TactileIndex, clips: EncodedClips) -> list[Score]:
         )
         return [_label(match.entry, by) for match in matches]
 
-    return _scores(clips.entries, found)
+    return _scores(clips.entries, index.entries(), found)
 
 
 def leave_one_out(
@@ -184,7 +189,7 @@ def leave_one_out(
         first, _ = rank(labels[by][rows], similarity, ranking)
         return [_label(clips.entries[row], by) for row in rows[first[:_PLACES]]]
 
-    return _scores(clips.entries, found)
+    return _scores(clips.entries, clips.entries, found)
 
 
 def _similarity(
@@ -203,8 +208,14 @@ def _label(entry: Entry, by: By) -> str:
 
 
 def _scores(
-    entries: Sequence[Entry], found: Callable[[int, By, Ranking], list[str]]
+    entries: Sequence[Entry],
+    held: Sequence[Entry],
+    found: Callable[[int, By, Ranking], list[str]],
 ) -> list[Score]:
+    """Score queries; `held` are the entries that they are looked for in.
+
+    Where a query is looked for among its own kind, its own entry is none to find.
+    """
     scores = []
     for by, ranking in _WAYS:
         asked = [n for n, entry in enumerate(entries) if _is_known(entry, by)]
@@ -216,8 +227,11 @@ def _scores(
         clusters = np.array([_label(entries[n], "part") for n in asked])
         first = np.array([place[:1] == [label] for label, place in pairs])
         five = np.array([label in place for label, place in pairs])
+        there = Counter(_label(entry, by) for entry in held)
+        itself = 1 if held is entries else 0
+        known = sum(there[label] > itself for label in truth)
         share = (clustered(first, clusters), clustered(five, clusters))
-        scores.append(Score(by, ranking, len(asked), len(set(truth)), *share))
+        scores.append(Score(by, ranking, len(asked), len(set(truth)), known, *share))
     if not scores:
         raise UsageError(
             "nothing is known of what the clips touched", fix="They need part or object ids."

@@ -38,11 +38,21 @@ def test_clips_of_another_split_are_scored(
         ("object", "matches"),
     ]
     best = scores["part", "similarity"]
-    assert (best.queries, best.groups) == (6, 6)
+    assert (best.queries, best.groups, best.known) == (6, 6, 6)
     assert best.first.value >= 5 / 6
     assert best.first.low <= best.first.value <= best.first.high
     assert best.five.value == 1
     assert scores["object", "matches"].groups == 3
+
+
+def test_what_the_index_does_not_know_counts_as_not_found(
+    index: TactileIndex, gratings: exumi_data.Dataset
+) -> None:
+    test = encode_clips(gratings.select(gratings.splits["mine"].lists["test"]), GREY)
+    index.forget("a comb 1", built=True)
+    (score, *_) = evaluate(index, test)
+    assert (score.queries, score.known) == (6, 4)
+    assert score.five.value == pytest.approx(4 / 6)
 
 
 def test_a_query_that_is_in_the_index_is_refused(
@@ -109,6 +119,11 @@ def test_leaving_one_out_equals_an_index_without_it(
         right += best.entry.part_id == encoded.entries[number].part_id
     assert right == 3
     assert score.first.value > 0.8
+    assert score.known == 18
+    by_part = sorted(range(18), key=lambda number: encoded.entries[number].part_id or "")[:4]
+    few = [encoded.entries[number] for number in by_part]  # three of one part, one of another
+    left = leave_one_out(EncodedClips(encoded.vectors[by_part], few, encoded.encoder), GREY)
+    assert left[0].known == 3
     assert told[-1] == (18, 18)
     with pytest.raises(UsageError, match="not by"):
         leave_one_out(encoded, TextureEncoder(3))
