@@ -11,6 +11,10 @@ from exumi_data.errors import MissingExtraError
 if TYPE_CHECKING:
     from exumi_loaders.active_sampler import ActiveWindowSampler
     from exumi_loaders.clips import Clip, Clips
+    from exumi_loaders.contrastive import BatchOrder, ContrastiveBatches
+    from exumi_loaders.contrastive_loss import InfoNCE, info_nce
+    from exumi_loaders.instructions import InstructionSamples
+    from exumi_loaders.properties import PropertyWindows
     from exumi_loaders.representation import TactileRepresentation
     from exumi_loaders.retrieval.building import Embedding, encode_clips
     from exumi_loaders.retrieval.entries import Entry
@@ -22,15 +26,21 @@ if TYPE_CHECKING:
     from exumi_loaders.texture import TextureEncoder
     from exumi_loaders.timeline import Timeline, TimelineSettings, build_timeline
     from exumi_loaders.tpp import TPPWindows
+    from exumi_loaders.two_views import TwoViews
     from exumi_loaders.vision import VisionEncoder
 
 __all__ = [
     "ActiveWindowSampler",
+    "BatchOrder",
     "Clip",
     "Clips",
+    "ContrastiveBatches",
     "Embedding",
     "Entry",
+    "InfoNCE",
+    "InstructionSamples",
     "Match",
+    "PropertyWindows",
     "Score",
     "TPPWindows",
     "TactileIndex",
@@ -38,6 +48,7 @@ __all__ = [
     "TextureEncoder",
     "Timeline",
     "TimelineSettings",
+    "TwoViews",
     "VisionEncoder",
     "WindowIndex",
     "WindowSampler",
@@ -45,16 +56,22 @@ __all__ = [
     "encode_clips",
     "evaluate",
     "guessing_game",
+    "info_nce",
     "leave_one_out",
 ]
 
 _HOME = {
     "ActiveWindowSampler": "active_sampler",
+    "BatchOrder": "contrastive",
     "Clip": "clips",
     "Clips": "clips",
+    "ContrastiveBatches": "contrastive",
     "Embedding": "retrieval.building",
     "Entry": "retrieval.entries",
+    "InfoNCE": "contrastive_loss",
+    "InstructionSamples": "instructions",
     "Match": "retrieval.matches",
+    "PropertyWindows": "properties",
     "Score": "retrieval.scoring",
     "TPPWindows": "tpp",
     "TactileIndex": "retrieval.index",
@@ -62,6 +79,7 @@ _HOME = {
     "TextureEncoder": "texture",
     "Timeline": "timeline",
     "TimelineSettings": "timeline",
+    "TwoViews": "two_views",
     "VisionEncoder": "vision",
     "WindowIndex": "sampler",
     "WindowSampler": "sampler",
@@ -69,6 +87,7 @@ _HOME = {
     "encode_clips": "retrieval.building",
     "evaluate": "retrieval.scoring",
     "guessing_game": "retrieval.guessing",
+    "info_nce": "contrastive_loss",
     "leave_one_out": "retrieval.scoring",
 }
 

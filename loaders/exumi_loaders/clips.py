@@ -47,6 +47,8 @@ class Clip:
         Name of the tactile stream.
     shape : (int, int, int)
         Height, width and channels of its frames.
+    has_reference : bool
+        Whether an image without contact is stored.
     sensor_model, pad_type : str or None
         What touched; None where it is not known.
     object_id, part_id : str or None
@@ -67,6 +69,7 @@ class Clip:
     id: str
     stream: str
     shape: tuple[int, int, int]
+    has_reference: bool = False
     sensor_model: str | None = None
     pad_type: str | None = None
     object_id: str | None = None
@@ -217,15 +220,19 @@ class Clips:
         out = np.empty((self.frames, *self.table[index].shape), dtype=np.uint8)
         return out, self.read_into(index, out)
 
-    def read_into(self, index: int, out: np.ndarray) -> np.ndarray | None:
+    def read_into(
+        self, index: int, out: np.ndarray, *, which: np.ndarray | None = None
+    ) -> np.ndarray | None:
         """Decode the salient frames of a clip into a buffer.
 
         Parameters
         ----------
         index : int
             Position in `table`.
-        out : (K, H, W, C) uint8, C-contiguous
+        out : (k, H, W, C) uint8, C-contiguous
             C = 1 asks for luma.
+        which : (k,) int, optional
+            Which of the K salient frames; default all.
 
         Returns
         -------
@@ -235,7 +242,7 @@ class Clips:
         clip = self.table[index]
         numbers = self.salient(index).numbers
         source, reference = self._readers.get(clip.episode, clip.stream)
-        source.read_into(numbers, out)
+        source.read_into(numbers if which is None else numbers[which], out)
         return reference
 
     def _select(self, clip: Clip) -> SalientFrames:
@@ -345,6 +352,7 @@ def _describe(location: str, *, provenance: Provenance) -> dict[str, Clip]:
             id=episode.id,
             stream=view.name,
             shape=(stream.images.height, stream.images.width, stream.images.channels),
+            has_reference="reference" in stream.arrays,
             sensor_model=stream.sensor.model if stream.sensor else None,
             pad_type=about.pad_type,
             object_id=about.object_id,

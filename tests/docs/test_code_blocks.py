@@ -1,7 +1,8 @@
 """Every code block of the documentation runs as it stands, in the order of its page.
 
-A page's blocks share one folder, which holds `my-clips` (three short tactile videos). A block that
-is not run says why in an HTML comment on the line above: ``<!-- not run: reason -->``.
+A page's blocks share one folder, which holds `my-clips` (three short tactile videos) and
+`my-touches` (six of three parts, with a table of labels). A block that is not run says why in an
+HTML comment on the line above: ``<!-- not run: reason -->``.
 """
 
 import os
@@ -33,20 +34,40 @@ def press(number: int, frames: int = 60) -> np.ndarray:
     return np.asarray(np.clip(base + shade[..., None], 0, 255), np.uint8)
 
 
-@pytest.fixture(scope="module")
-def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def write_video(path: Path, number: int) -> None:
     import av
 
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 80, 64, "yuv420p"
+        for image in press(number):
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("clips") / "my-clips"
     folder.mkdir()
     for number in range(3):
-        with av.open(str(folder / f"ball_{number}.mov"), "w") as container:
-            stream = container.add_stream("mpeg4", rate=25)
-            stream.width, stream.height, stream.pix_fmt = 80, 64, "yuv420p"
-            for image in press(number):
-                frame = av.VideoFrame.from_ndarray(image, format="rgb24")
-                container.mux(stream.encode(frame))
-            container.mux(stream.encode(None))
+        write_video(folder / f"ball_{number}.mov", number)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def touches(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("touches") / "my-touches"
+    folder.mkdir()
+    for number, part in enumerate(("brush_handle", "brush_bristles", "sponge")):
+        for trial in range(2):
+            write_video(folder / f"{part}_{trial}.mov", 2 * number + trial)
+    (folder / "labels.csv").write_text(
+        "part_id,object,hardness_0_10,roughness_0_10,adjectives\n"
+        "brush_handle,a brush,8.67,1.33,hard|smooth\n"
+        "brush_bristles,a brush,4.33,7,prickly\n"
+        "sponge,a sponge,1.33,,soft|springy\n"
+    )
     return folder
 
 
@@ -55,8 +76,9 @@ def test_there_are_pages_and_blocks() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_code_blocks(page: Path, clips: Path, tmp_path: Path) -> None:
+def test_code_blocks(page: Path, clips: Path, touches: Path, tmp_path: Path) -> None:
     (tmp_path / "my-clips").symlink_to(clips)
+    (tmp_path / "my-touches").symlink_to(touches)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     folder = Path(sys.executable).parent
     environment = {**os.environ, "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"}
