@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from exumi_data.model.calibration import RIG_REFERENCE
 from exumi_data.model.description import CalibrationItem
 from exumi_data.model.streams import TactileStream
 from exumi_data.tactile import thumbnail, to_grey
@@ -24,7 +25,6 @@ from exumi_validators.touch_measures import (
 from exumi_validators.touch_pass import image_of, stored_rows
 
 __all__ = [
-    "RIG_REFERENCE",
     "active_share",
     "dark",
     "reference_fits",
@@ -33,9 +33,6 @@ __all__ = [
     "swapped",
     "wrapped",
 ]
-
-RIG_REFERENCE = "tactile_reference/"
-"""A calibration item of this name and a stream's holds the image of the rig's own finger."""
 
 _REGIME_RULES = {"play": "TACT-004", "demonstration": "TACT-005"}
 _FEWEST = 3
