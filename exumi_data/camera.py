@@ -219,7 +219,8 @@ def _places(
         rays = np.concatenate([directions, np.ones((*directions.shape[:2], 1))], axis=-1)
         bent = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), lens, coefficients)[0]
     homogeneous = np.concatenate([bent.reshape(-1, 2), np.ones((len(directions), 1))], axis=1)
-    found = (homogeneous @ matrix(camera).T)[:, :2].reshape(target.height, target.width, 2)
+    with np.errstate(over="ignore", invalid="ignore"):  # found out below
+        found = (homogeneous @ matrix(camera).T)[:, :2].reshape(target.height, target.width, 2)
     if not np.isfinite(found).all():
         raise ValueError("the camera's intrinsics lead nowhere")
     return found[..., 0], found[..., 1]
