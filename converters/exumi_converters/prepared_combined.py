@@ -9,6 +9,7 @@ import numpy as np
 
 from exumi_converters.prepare_settings import PrepareSettings
 from exumi_converters.prepared_one import channels_of, rectify_step, scale_of
+from exumi_converters.prepared_reference import FoundReference, find_reference
 from exumi_converters.prepared_stream import (
     BESIDE_TIME,
     Making,
@@ -24,7 +25,7 @@ from exumi_converters.resize import resize
 from exumi_data.calibration import rectification_of
 from exumi_data.episode import Episode, StreamView
 from exumi_data.errors import UsageError
-from exumi_data.model import Gap, LossyStep, Reference, Sensor, TactileStream
+from exumi_data.model import Gap, LossyStep, QualityNote, Reference, Sensor, TactileStream
 from exumi_data.model.calibration import RECTIFICATION
 from exumi_data.tactile import ACTIVE_THRESHOLD_COMBINED, to_grey
 from exumi_data.tactile.combined import Combiner, combined_scale
@@ -177,7 +178,7 @@ def combined_making(parent: Episode, pair: Pair, settings: PrepareSettings) -> M
         raise _unfit(parent, pair, reason, "Check the fingers' clocks.")
     combiner = Combiner(*maps)
     grey = channels < images_of_view(pair.left).channels
-    reference = _reference(views, combiner, grey=grey)
+    found = find_reference(pair.left), find_reference(pair.right)
     images = images_of_view(pair.left)
     inputs = [f"{parent.id}/streams/{v.name}/{a}" for v in views for a in ("data", "reference")]
     inputs += [f"{parent.id}/calibration/{RECTIFICATION}{v.name}" for v in views if maps[0]]
@@ -192,8 +193,9 @@ def combined_making(parent: Episode, pair: Pair, settings: PrepareSettings) -> M
         images=images,
         channels=channels,
         fields=_fields(pair, maps, matches, (height, width), settings.size),
-        reference=reference,
-        about_reference=_about_reference(views),
+        reference=_reference(found, combiner, grey=grey),
+        about_reference=_about_reference(found),
+        notes=[_renamed(f.note, pair.name) for f in found if f.note is not None],
         steps=_steps(pair, maps, matches, (height, width), settings),
         measure=Measure(active_above=ACTIVE_THRESHOLD_COMBINED, inputs=tuple(inputs)),
     )
@@ -232,10 +234,14 @@ def _frames(
         yield combiner(left.frames.read([ours], grey=grey)[0], image)
 
 
+def _renamed(note: QualityNote, stream: str) -> QualityNote:
+    return note.model_copy(update={"stream": stream, "message": f"{note.stream}: {note.message}"})
+
+
 def _reference(
-    views: tuple[StreamView, StreamView], combiner: Combiner, *, grey: bool
+    found: tuple[FoundReference, FoundReference], combiner: Combiner, *, grey: bool
 ) -> np.ndarray | None:
-    left, right = (view.reference for view in views)
+    left, right = (reference.image for reference in found)
     if left is None or right is None:
         return None
     if grey or left.shape[2] != right.shape[2]:
@@ -243,10 +249,9 @@ def _reference(
     return combiner(left, right)
 
 
-def _about_reference(views: tuple[StreamView, StreamView]) -> Reference | None:
+def _about_reference(found: tuple[FoundReference, FoundReference]) -> Reference | None:
     """Say of both references what holds for both: the lesser of how they were had."""
-    found = [v.metadata.reference for v in views if isinstance(v.metadata, TactileStream)]
-    left, right = found
+    left, right = (reference.about for reference in found)
     if left is None or right is None:
         return None
     order = ("captured", "selected", "estimated")

@@ -53,11 +53,11 @@ def write_prepared(parent: Episode, writer: EpisodeWriter, settings: PrepareSett
         elif name not in gone:
             writer.copy_stream(parent, name)
             frames += len(view) if view.is_image else 0
-            if measured_anew(parent, view):
+            if measured_anew(parent, view, settings):
                 measure_copied(view, measure_of(parent, view), writer)
     carry_calibration(parent, writer, made, gone, settings)
     writer.copy_group(parent, "annotations")
-    _carry_derived(parent, writer, _carried_keys(parent, gone))
+    _carry_derived(parent, writer, _carried_keys(parent, gone, settings))
     return frames
 
 
@@ -74,14 +74,14 @@ def derived_afterwards(parent: Episode, settings: PrepareSettings) -> list[str]:
     measured = [
         f"{name}/activity"
         for name, view in parent.streams.items()
-        if name not in gone and measured_anew(parent, view)
+        if name not in gone and measured_anew(parent, view, settings)
     ]
     measured += [
         f"{pair.name}/activity"
         for pair in pairs
-        if all("reference" in view.metadata.arrays for view in (pair.left, pair.right))
+        if all("reference" in v.metadata.arrays or len(v) for v in (pair.left, pair.right))
     ]
-    return [*_carried_keys(parent, gone), *measured]
+    return [*_carried_keys(parent, gone, settings), *measured]
 
 
 def _making(
@@ -118,10 +118,14 @@ def _rename(writer: EpisodeWriter, gone: Mapping[str, str]) -> None:
             note.stream, note.message = name, f"{note.stream}: {note.message}"
 
 
-def _carried_keys(parent: Episode, gone: Collection[str]) -> list[str]:
+def _carried_keys(parent: Episode, gone: Collection[str], settings: PrepareSettings) -> list[str]:
     """Return the derived arrays that still say something of a stream that is there."""
     items = parent.derived.items if parent.derived else {}
-    measured = {f"{v.name}/activity" for v in parent.streams.values() if measured_anew(parent, v)}
+    measured = {
+        f"{view.name}/activity"
+        for view in parent.streams.values()
+        if measured_anew(parent, view, settings)
+    }
     return [key for key in items if key.partition("/")[0] not in gone and key not in measured]
 
 

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from exumi_converters.prepare_settings import PrepareSettings
+from exumi_converters.prepared_reference import find_reference
 from exumi_converters.prepared_stream import (
     BESIDE_TIME,
     Making,
@@ -47,10 +48,14 @@ def channels_of(view: StreamView, settings: PrepareSettings) -> Literal[1, 3]:
     return 1 if drop_colour else images_of_view(view).channels
 
 
-def measured_anew(parent: Episode, view: StreamView) -> bool:
+def measured_anew(parent: Episode, view: StreamView, settings: PrepareSettings) -> bool:
     """Whether activity is measured: there is none yet, or frames are rectified and it changes."""
-    if view.kind != "tactile" or "reference" not in view.metadata.arrays:
+    if view.kind != "tactile":
         return False
+    if "reference" not in view.metadata.arrays and (
+        is_ready(parent, view, settings) or not len(view)
+    ):
+        return False  # what is copied gets no reference
     stored = parent.derived is not None and f"{view.name}/activity" in parent.derived.items
     return not stored or RECTIFICATION + view.name in parent.metadata.calibration
 
@@ -130,7 +135,7 @@ def making_of(parent: Episode, view: StreamView, settings: PrepareSettings) -> M
         scale = scale_of(model, pixel_map)
         if scale is not None:
             fields["mm_per_px"] = _scaled(scale, width, height, settings.size)
-    reference = view.reference if view.kind == "tactile" else None
+    found = find_reference(view)
     return Making(
         name=view.name,
         kind=view.kind,
@@ -142,10 +147,11 @@ def making_of(parent: Episode, view: StreamView, settings: PrepareSettings) -> M
         images=images,
         channels=channels,
         fields=fields,
-        reference=None if reference is None else look(reference),
-        about_reference=model.reference if isinstance(model, TactileStream) else None,
+        reference=None if found.image is None else look(found.image),
+        about_reference=found.about,
+        notes=[found.note] if found.note else [],
         steps=[*steps, *(step for step in (fitted, coded) if step is not None)],
-        measure=measure_of(parent, view) if measured_anew(parent, view) else None,
+        measure=measure_of(parent, view) if measured_anew(parent, view, settings) else None,
     )
 
 

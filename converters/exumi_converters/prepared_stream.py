@@ -12,7 +12,15 @@ from exumi_converters.resize import interpolation
 from exumi_data import standard
 from exumi_data.episode import StreamView
 from exumi_data.errors import UnsupportedError
-from exumi_data.model import ArrayImages, EncodedImages, Images, LossyStep, Reference, TactileStream
+from exumi_data.model import (
+    ArrayImages,
+    EncodedImages,
+    Images,
+    LossyStep,
+    QualityNote,
+    Reference,
+    TactileStream,
+)
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.stream_writer import DataStreamWriter, EncodedStreamWriter
@@ -83,6 +91,8 @@ class Making:
         What is lost on the way, in order.
     measure : Measure or None
         None: activity is not measured here.
+    notes : sequence of QualityNote
+        What a user should know of it.
     """
 
     name: str
@@ -99,6 +109,7 @@ class Making:
     about_reference: Reference | None
     steps: Sequence[LossyStep]
     measure: Measure | None
+    notes: Sequence[QualityNote] = ()
 
 
 def write_made(making: Making, writer: EpisodeWriter, settings: PrepareSettings) -> None:
@@ -135,6 +146,7 @@ def write_made(making: Making, writer: EpisodeWriter, settings: PrepareSettings)
             stream.append(making.time[rows], files, **extra)
     for step in making.steps:
         add_lossy(writer, step)
+    writer.metadata.quality = [*writer.metadata.quality, *making.notes]
     if meter is not None and making.measure is not None:
         _add_activity(making.name, making.measure, meter, activity, writer)
 

@@ -30,7 +30,7 @@ from exumi_data.model import (
 )
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
-from exumi_data.tactile import ActivityMeter, to_grey
+from exumi_data.tactile import ActivityMeter, reference_image, to_grey
 from tests.exumi_data.builders import edit_metadata
 
 Run = Callable[..., tuple[ConversionReport, Dataset]]
@@ -399,7 +399,7 @@ def test_activity_of_what_is_copied_is_measured_too(play: Path, tmp_path: Path) 
     assert twice[0]["tactile_left"].activity is not None
 
 
-def test_without_a_reference_there_is_no_activity(play: Path, tmp_path: Path) -> None:
+def test_a_reference_is_selected_where_there_is_none(play: Path, tmp_path: Path) -> None:
     path = play / "episodes" / "01" / f"{PARENT}.zarr"
     shutil.rmtree(path / "derived")
     shutil.rmtree(path / "streams" / "tactile_left" / "reference")
@@ -412,7 +412,18 @@ def test_without_a_reference_there_is_no_activity(play: Path, tmp_path: Path) ->
     made(play, tmp_path / "train", size=64)
     report, dataset = made(play, tmp_path / "train", size=64)
     assert (report.converted, report.skipped) == (0, 1)
-    assert dataset[0].derived is None
+    about = tactile(dataset[0], "tactile_left").reference
+    assert about is not None
+    assert (about.method, about.algorithm) == ("selected", "exumi-reference/1")
+    assert about.frames is not None
+    # Contact lasts from the first third to the second.
+    assert not set(about.frames) & set(range(COUNT // 3, 2 * COUNT // 3))
+    native = open_episode(path)["tactile_left"]
+    chosen = reference_image(list(native.frames.read(about.frames)))
+    assert np.array_equal(dataset[0]["tactile_left"].reference, resize(chosen, 64))  # type: ignore[arg-type]  # there is one
+    activity = dataset[0]["tactile_left"].activity
+    assert activity is not None
+    assert activity[COUNT // 2] > 1e-3 > activity[0]
 
 
 def test_arguments_that_make_no_sense_are_refused(play: Path, tmp_path: Path) -> None:

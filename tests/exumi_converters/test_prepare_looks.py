@@ -46,7 +46,7 @@ CAMERA = Intrinsics(
 
 
 def gel(count: int, seed: int, channels: int = 3) -> np.ndarray:
-    """(N, H, W, C) frames: a gel with a pattern of its own; something moves on it in the last third."""
+    """(N, H, W, C) frames: a patterned gel on which something moves in the last third."""
     rng = np.random.default_rng(seed)
     base = cv2.GaussianBlur(rng.uniform(60, 180, (HEIGHT, WIDTH, 3)), (0, 0), 4)[..., :channels]
     y, x = np.mgrid[:HEIGHT, :WIDTH]
@@ -161,9 +161,7 @@ Made = Callable[..., Episode]
 def make(tmp_path: Path) -> Made:
     """Write an episode, prepare it, check that nothing is wrong with it, open it."""
 
-    def make(
-        play: Play | None = None, allowed: tuple[str, ...] = (), **options: Any
-    ) -> Episode:
+    def make(play: Play | None = None, allowed: tuple[str, ...] = (), **options: Any) -> Episode:
         root = write(tmp_path / "play", play or Play())
         options = {"size": 32, "lossless": True, **options}
         report = prepare(root, tmp_path / "train", workers=1, **options)
@@ -381,10 +379,37 @@ def test_flags_of_both_fingers_hold(make: Made) -> None:
     assert flags.tolist() == [0, 3] * (COUNT // 2)
 
 
-def test_without_references_there_is_no_activity(make: Made) -> None:
-    episode = make(Play(references=False), ("TACT-002",), tactile="combined")
-    assert episode.derived is None
-    assert tactile(episode, "tactile_combined").reference is None
+def test_references_are_selected_where_there_are_none(make: Made) -> None:
+    play = Play(references=False)
+    episode = make(play, tactile="combined")
+    about = tactile(episode, "tactile_combined").reference
+    assert about is not None
+    assert (about.method, about.contact_free) == ("selected", True)
+    reference = episode["tactile_combined"].reference
+    assert reference is not None
+    # The first frames are without contact.
+    first = resize(combined(play.left[0], play.right[0], play), 32)
+    assert np.abs(reference.astype(int) - first).max() <= 4
+    activity = episode["tactile_combined"].activity
+    assert activity is not None
+    assert activity[: COUNT // 2].max() == 0
+    assert activity[-3:].min() > 5e-4
+
+
+def test_a_reference_that_may_hold_contact_is_noted(make: Made) -> None:
+    still = Play(references=False)
+    still.left = still.right = np.repeat(gel(1, 4), COUNT, axis=0)
+    still.left = still.left + np.arange(COUNT, dtype=np.uint8)[:, None, None, None] % 2
+    still.right = still.left.copy()
+    episode = make(still, ("TACT-005",), tactile="combined")
+    notes = [n for n in episode.metadata.quality if n.code == "reference-estimated"]
+    assert [(n.stream, n.message.partition(":")[0]) for n in notes] == [
+        ("tactile_combined", "tactile_left"),
+        ("tactile_combined", "tactile_right"),
+    ]
+    about = tactile(episode, "tactile_combined").reference
+    assert about is not None
+    assert (about.method, about.contact_free) == ("estimated", None)
 
 
 def test_fingers_of_other_names_are_told_by_their_side(make: Made) -> None:
