@@ -6,7 +6,7 @@ import numpy as np
 
 from exumi_converters.prepare_settings import PrepareSettings
 from exumi_converters.prepared_one import camera_afterwards
-from exumi_converters.prepared_stream import Making
+from exumi_converters.prepared_stream import Making, images_of_view
 from exumi_data.calibration import add_intrinsics
 from exumi_data.episode import Episode
 from exumi_data.errors import DamagedDataError
@@ -58,7 +58,7 @@ def carry_calibration(
                 value = items[name].value
                 items[name] = item.model_copy(update={"value": value, "residual": None})
         elif item.array is not None and making.look is not None:
-            image = making.fit(making.look(_image(parent, name)))
+            image = making.fit(making.look(_image(parent, name, stream)))
             writer.add_calibration_array(name, image, dimension_names=("y", "x", "c"))
             items[name] = item.model_copy(update={"array": f"calibration/{name}"})
 
@@ -69,11 +69,17 @@ def _stream_of(item: str, *prefixes: str) -> str | None:
     return None if prefix is None else item.removeprefix(prefix)
 
 
-def _image(parent: Episode, name: str) -> np.ndarray:
-    image = parent.calibration_array(name)
-    if image.ndim != 3 or image.dtype != np.uint8 or image.shape[2] not in (1, 3):
+def _image(parent: Episode, name: str, stream: str) -> np.ndarray:
+    """Return an image of a stream's size: nothing larger is read."""
+    images = images_of_view(parent[stream])
+    colour, grey = ((images.height, images.width, channels) for channels in (3, 1))
+    try:
+        image = parent.calibration_array(name, shape=colour)
+    except DamagedDataError:
+        image = parent.calibration_array(name, shape=grey)
+    if image.dtype != np.uint8:
         raise DamagedDataError(
-            f"an image of {image.shape} {image.dtype}, expected (H, W, 1 or 3) uint8",
+            f"an image of {image.dtype}, expected uint8",
             where=f"{parent.path}: calibration {name}",
         )
     return image

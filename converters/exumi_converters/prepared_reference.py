@@ -5,8 +5,10 @@ from itertools import islice
 
 import numpy as np
 
+from exumi_converters.prepared_stream import images_of_view
 from exumi_converters.tactile_analysis import REFERENCE_FROM, estimated_note
 from exumi_data.episode import StreamView
+from exumi_data.errors import DamagedDataError
 from exumi_data.model import QualityNote, Reference, TactileStream
 from exumi_data.tactile import (
     REFERENCE_METHOD,
@@ -42,12 +44,17 @@ def find_reference(view: StreamView) -> FoundReference:
     Parameters
     ----------
     view : StreamView
+
+    Raises
+    ------
+    DamagedDataError
+        The stored one is no image of the frames' size.
     """
     model = view.metadata
     if not isinstance(model, TactileStream):
         return FoundReference(None, None)
     if "reference" in model.arrays or not len(view):
-        return FoundReference(view.reference, model.reference)
+        return FoundReference(_stored(view), model.reference)
     greys = islice(view.frames.iterate(grey=True), REFERENCE_FROM)
     choice = choose_reference([thumbnail(to_grey(grey)) for grey in greys])
     about = Reference(
@@ -59,3 +66,16 @@ def find_reference(view: StreamView) -> FoundReference:
     )
     note = None if choice.contact_free else estimated_note(view.name, choice)
     return FoundReference(reference_image(list(view.frames.read(choice.frames))), about, note)
+
+
+def _stored(view: StreamView) -> np.ndarray | None:
+    image, images = view.reference, images_of_view(view)
+    size = images.height, images.width
+    if image is not None and (
+        image.dtype != np.uint8 or image.shape not in ((*size, 1), (*size, 3))
+    ):
+        raise DamagedDataError(
+            f"the reference is {image.shape} {image.dtype}, the frames are {size}",
+            where=repr(view),
+        )
+    return image

@@ -1,5 +1,6 @@
 """Training sets of rectified, combined and undistorted frames."""
 
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -512,3 +513,21 @@ def test_a_map_that_does_not_fit_fails_by_name(tmp_path: Path) -> None:
     reason = failure(tmp_path, Play(maps={"left": small}))
     assert "(20, 20, 2)" in reason
     assert "rectification/tactile_left" in reason
+
+
+@pytest.mark.parametrize(
+    "place", ["calibration/tactile_reference/tactile_left", "streams/tactile_left/reference"]
+)
+def test_a_reference_of_another_size_fails_by_name(tmp_path: Path, place: str) -> None:
+    root = write(tmp_path / "play", Play())
+    (path,) = root.glob("episodes/*/*.zarr")
+    other = EpisodeMetadata(**open_episode(path).metadata.model_dump(exclude={"streams"}))
+    other.calibration = {}
+    with EpisodeWriter(tmp_path / "other.zarr", other, durable=False) as writer:
+        writer.add_calibration_array("small", np.zeros((20, 30, 3), np.uint8))
+    shutil.rmtree(path / place)
+    shutil.copytree(tmp_path / "other.zarr" / "calibration" / "small", path / place)
+    (failed,) = prepare(root, tmp_path / "train", workers=1, size=32).failed
+    assert "(20, 30, 3)" in failed.reason
+    assert "tactile_left" in failed.reason
+    assert "defect" not in failed.reason
