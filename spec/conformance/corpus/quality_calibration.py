@@ -44,28 +44,28 @@ def _map_cases() -> Iterator[Case]:
     index = outside.values[path].copy()
     index[2, 3, 0] = len(index)
     outside.put(path, index, names=("y", "x", "index"))
-    yield case("CAL-005__outside", about, outside, Finding("CAL-005", path))
+    yield case("CAL-007__outside", about, outside, Finding("CAL-007", path))
     other = mapped()
     other.put(path, other.values[path][:8], names=("y", "x", "index"))
     about = "A map for images of half the height."
-    yield case("CAL-005__half", about, other, Finding("CAL-005", path))
+    yield case("CAL-007__half", about, other, Finding("CAL-007", path))
     crop = mapped()
     crop.metadata["calibration"]["rectification/tactile"]["value"]["crop_px"] = [17, 8]
     about = "A crop higher than the image."
-    yield case("CAL-005__crop", about, crop, Finding("CAL-005", path))
+    yield case("CAL-007__crop", about, crop, Finding("CAL-007", path))
     scale = mapped()
     scale.metadata["calibration"]["rectification/tactile"]["value"]["mm_per_px"] = 0.05
-    at = Finding("CAL-005", ROOT, f"{item}/value")
-    yield case("CAL-005__one_scale", "A map with one scale for two axes.", scale, at)
+    at = Finding("CAL-007", ROOT, f"{item}/value")
+    yield case("CAL-007__one_scale", "A map with one scale for two axes.", scale, at)
 
 
 def _lens_cases() -> Iterator[Case]:
     def lens(name: str, about: str, **changes: Any) -> Case:
         draft = mapped()
         draft.metadata["calibration"]["intrinsics/wide"]["value"].update(changes)
-        at = Finding("CAL-006", ROOT, f"{EXUMI}/calibration/intrinsics~1wide/value")
+        at = Finding("CAL-008", ROOT, f"{EXUMI}/calibration/intrinsics~1wide/value")
         return case(name, about, draft, at)
 
-    yield lens("CAL-006__other_size", "Intrinsics of the camera's full images.", width=2704)
-    yield lens("CAL-006__two_terms", "A fisheye with two coefficients.", distortion=[0.1, 0.2])
-    yield lens("CAL-006__lens", "A lens that OpenCV does not know.", model="omnidirectional")
+    yield lens("CAL-008__other_size", "Intrinsics of the camera's full images.", width=2704)
+    yield lens("CAL-008__two_terms", "A fisheye with two coefficients.", distortion=[0.1, 0.2])
+    yield lens("CAL-008__lens", "A lens that OpenCV does not know.", model="omnidirectional")

@@ -77,7 +77,7 @@ def explained(episode: EpisodeContext) -> Iterator[Problem]:
             yield problem("CAL-004", ROOT, pointer=pointer, found=str(pointer[-1]))
 
 
-@check("CAL-005")
+@check("CAL-007")
 def rectification(episode: EpisodeContext) -> Iterator[Finding]:
     """Judge that the maps by which tactile frames are rectified fit them."""
     for pointer, item in episode.parts(CalibrationItem, "calibration"):
@@ -86,25 +86,25 @@ def rectification(episode: EpisodeContext) -> Iterator[Finding]:
             continue
         images = _images(episode, name.removeprefix(RECTIFICATION))
         if images is None:
-            yield Skipped("CAL-005", "no stream of images of that name", ROOT)
+            yield Skipped("CAL-007", "no stream of images of that name", ROOT)
             continue
         value, mistake = _value(episode, item.value, Rectification)
         if value is None:
-            yield problem("CAL-005", ROOT, pointer=(*pointer, "value"), detail=mistake)
+            yield problem("CAL-007", ROOT, pointer=(*pointer, "value"), detail=mistake)
             continue
         path = f"calibration/{name}"
         if item.array != path:
             detail = f"`array` is not {path}"
-            yield problem("CAL-005", ROOT, pointer=pointer, detail=detail)
+            yield problem("CAL-007", ROOT, pointer=pointer, detail=detail)
             continue
         found = _map(episode, path, (images.height, images.width, 2))
         if isinstance(found, str):
-            yield problem("CAL-005", path, detail=found)
+            yield problem("CAL-007", path, detail=found)
         elif found is not None:
             try:
                 PixelMap(found, (*value.centre_px,), (*value.crop_px,))  # type: ignore[arg-type]  # two each, by the model
             except ValueError as error:
-                yield problem("CAL-005", path, detail=str(error))
+                yield problem("CAL-007", path, detail=str(error))
 
 
 def _map(
@@ -124,7 +124,7 @@ def _map(
         return None
 
 
-@check("CAL-006")
+@check("CAL-008")
 def intrinsics(episode: EpisodeContext) -> Iterator[Finding]:
     """Judge that intrinsics are whole, and for images of the size that is stored."""
     for pointer, item in episode.parts(CalibrationItem, "calibration"):
@@ -133,7 +133,7 @@ def intrinsics(episode: EpisodeContext) -> Iterator[Finding]:
             continue
         images = _images(episode, name.removeprefix(INTRINSICS))
         if images is None:
-            yield Skipped("CAL-006", "no stream of images of that name", ROOT)
+            yield Skipped("CAL-008", "no stream of images of that name", ROOT)
             continue
         value, mistake = _value(episode, item.value, Intrinsics)
         if value is not None and (value.width, value.height) != (images.width, images.height):
@@ -142,7 +142,7 @@ def intrinsics(episode: EpisodeContext) -> Iterator[Finding]:
                 f"{images.width}x{images.height}"
             )
         if mistake:
-            yield problem("CAL-006", ROOT, pointer=(*pointer, "value"), detail=mistake)
+            yield problem("CAL-008", ROOT, pointer=(*pointer, "value"), detail=mistake)
 
 
 def _images(episode: EpisodeContext, stream: str) -> Images | None:
