@@ -13,17 +13,19 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from exumi_data.errors import UsageError
 from exumi_data.splits import split_ids
 from exumi_data.ticks import DEFAULT_TICK_S
-from exumi_loaders.actions import relative_actions
+from exumi_loaders.actions import (
+    action_columns,
+    between_columns,
+    between_grippers,
+    relative_actions,
+)
 from exumi_loaders.buffers import BatchBuffers
 from exumi_loaders.draws import history_steps
+from exumi_loaders.layout import Names, choose_layout
 from exumi_loaders.readers import FrameReaders
 from exumi_loaders.sampler import WindowIndex, WindowSampler
-from exumi_loaders.timeline import (
-    TimelineSettings,
-    build_timeline,
-    choose_layout,
-    default_cache,
-)
+from exumi_loaders.timeline import TimelineSettings, build_timeline
+from exumi_loaders.timeline_cache import default_cache
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset as EpisodeDataset
@@ -52,8 +54,9 @@ class TPPWindows(Dataset[Item]):
     - 8 frames of each tactile stream: 4 of the history (drawn without replacement from steps
       −15..0, ascending) and 4 of the future (steps 4, 8, 12, 16);
     - 1 frame of each RGB stream, at step 0;
-    - actions at steps −15..16: ``inv(T_0)·T_t`` as xyz and the first two rows of its rotation
-      matrix, and the absolute gripper width: 10 numbers (9 without width, 1 without pose).
+    - actions at steps −15..16: of each gripper ``inv(T_0)·T_t`` as xyz and the first two rows of
+      its rotation matrix, and its absolute width: 10 numbers (9 without width, 1 without pose);
+    - with several grippers, where the others are as seen from the first one at step 0.
 
     Every item is a dict of tensors (a batch has one more axis in front):
 
@@ -64,8 +67,10 @@ class TPPWindows(Dataset[Item]):
     ``<stream>_valid``      (K,) bool                a frame lies within the tolerance
     ``<stream>_reference``  (C, H, W) uint8          image without contact (tactile)
     ``tactile_steps``       (8,) int64               step of each tactile frame
-    ``action``              (32, 10) float32         metres, rotation rows, metres
+    ``action``              (32, 10·G) float32       `action_columns` of G grippers
     ``action_valid``        (32,) bool               no sample gap there, and no padding
+    ``between``             (32, 9·(G−1)) float32    `between_columns`; of several poses only
+    ``between_valid``       (32,) bool               as ``action_valid``
     ``padding``             (32,) bool               the step lies outside the episode
     ``valid``               () bool                  everything above is valid, nothing padded
     ``episode``             () int64                 position in ``windows.episodes``
@@ -87,10 +92,9 @@ class TPPWindows(Dataset[Item]):
         What is kept together by a split made on the fly.
     split_ratio : (int, int)
         Train to val; 15:1 in exUMI.
-    tactile, rgb : sequence of str, optional
-        Image streams; default all of the kind. An empty sequence takes none.
-    pose, width : str, optional
-        Default: the only one of its kind.
+    tactile, rgb, pose, width : str or sequence of str, optional
+        Streams in the wanted order; default all of the kind, sorted by name. An empty sequence
+        takes none.
     grey_tactile : bool
         Give one channel (luma) of tactile frames that are stored in colour.
     random_history : bool
@@ -106,8 +110,8 @@ class TPPWindows(Dataset[Item]):
         Distance of two ticks; default 3/59.94 s.
     image_tolerance_s, max_gap_s : float, optional
         See `TimelineSettings`.
-    active_above : float
-        Activity above which a frame is active.
+    active_above : float, optional
+        Activity above which a frame is active; default what is stored with the activity.
     seed : int
         Of history draws and splits. Draws are a pure function of (seed, epoch, index).
     cache : bool or path
@@ -133,10 +137,10 @@ class TPPWindows(Dataset[Item]):
         split: str | None = None,
         split_by: Literal["episode", "object", "part"] = "episode",
         split_ratio: tuple[int, int] = (15, 1),
-        tactile: Sequence[str] | None = None,
-        rgb: Sequence[str] | None = None,
-        pose: str | None = None,
-        width: str | None = None,
+        tactile: Names = None,
+        rgb: Names = None,
+        pose: Names = None,
+        width: Names = None,
         grey_tactile: bool = False,
         random_history: bool = True,
         edges: Literal["pad", "drop"] = "pad",
@@ -145,7 +149,7 @@ class TPPWindows(Dataset[Item]):
         tick_s: Fraction | float = DEFAULT_TICK_S,
         image_tolerance_s: float | None = None,
         max_gap_s: float | None = None,
-        active_above: float = 1e-3,
+        active_above: float | None = None,
         seed: int = 0,
         cache: bool | str | Path = True,
     ) -> None:
@@ -163,8 +167,8 @@ class TPPWindows(Dataset[Item]):
         self._activity = activity
         layout = choose_layout(
             dataset,
-            tactile=None if tactile is None else tuple(tactile),
-            rgb=None if rgb is None else tuple(rgb),
+            tactile=tactile,
+            rgb=rgb,
             pose=pose,
             width=width,
         )
@@ -179,8 +183,34 @@ class TPPWindows(Dataset[Item]):
             for name, shape in self.layout.shapes.items()
         }
         self._anchors, self._episode = _anchors(self.timeline.edges, edges, stride)
+        self._motion = self._choose_motion(dataset.path)
         self._readers = FrameReaders(dataset, self.timeline.encodings)
         self._buffers = BatchBuffers()
+
+    def _choose_motion(self, path: str) -> list[tuple[str, Any]]:
+        motion: list[tuple[str, Any]] = []
+        if self.layout.low:
+            motion.append(("action", relative_actions))
+        if len(self.layout.pose) > 1:
+            if not self.layout.common_parent:
+                raise UsageError(
+                    f"{', '.join(self.layout.pose)} have different parent frames: where one "
+                    "gripper is to the other is not known",
+                    where=path,
+                    fix=f"Name the poses that belong together: pose={self.layout.pose[:1]}.",
+                )
+            motion.append(("between", between_grippers))
+        return motion
+
+    @property
+    def action_columns(self) -> tuple[str, ...]:
+        """Name of each column of ``action``: one gripper after the other, pose then width."""
+        return action_columns(self.layout)
+
+    @property
+    def between_columns(self) -> tuple[str, ...]:
+        """Name of each column of ``between``."""
+        return between_columns(self.layout)
 
     def __len__(self) -> int:
         return len(self._anchors)
@@ -257,12 +287,12 @@ class TPPWindows(Dataset[Item]):
             complete &= self._add_frames(batch, name, episode, anchor[:, None])
         at, padding = ticks(STEPS[None])
         complete &= ~padding.any(axis=1)
-        if self.layout.pose or self.layout.width:
-            action, valid = relative_actions(self.timeline, at, zero=len(_HISTORY) - 1)
+        for name, compute in self._motion:
+            values, valid = compute(self.timeline, at, zero=len(_HISTORY) - 1)
             valid &= ~padding
             complete &= valid.all(axis=1)
-            batch["action"] = torch.from_numpy(action)
-            batch["action_valid"] = torch.from_numpy(valid)
+            batch[name] = torch.from_numpy(values)
+            batch[f"{name}_valid"] = torch.from_numpy(valid)
         batch["padding"] = torch.from_numpy(padding)
         batch["valid"] = torch.from_numpy(complete)
         batch["episode"] = torch.from_numpy(episode)

@@ -45,6 +45,12 @@ class Recipe:
     side: int = SIDE
     poses: Any = None
     extra: dict[str, Sequence[float]] = field(default_factory=dict)
+    extra_rgb: dict[str, Sequence[float]] = field(default_factory=dict)
+    grippers: dict[str, float] = field(default_factory=dict)
+    """Of each side: how far its poses lie beside the known motion, metres."""
+    parents: dict[str, str] = field(default_factory=dict)
+    child: str = "tcp"
+    active_above: float | None = None
 
 
 def numbered(count: int, channels: int = 1, side: int = SIDE) -> np.ndarray:
@@ -103,21 +109,31 @@ def write_episode(root: Path, number: int, recipe: Recipe) -> str:
             _images(writer, "tactile", "tactile", recipe.tactile_s, recipe)
             if recipe.activity is not None:
                 values = np.asarray(recipe.activity, dtype=np.float32)
-                writer.add_derived("tactile", "activity", values, algorithm="test/1")
+                known = {} if recipe.active_above is None else {"active_above": recipe.active_above}
+                writer.add_derived(
+                    "tactile", "activity", values, algorithm="test/1", parameters=known
+                )
         for name, seconds in recipe.extra.items():
             _images(writer, name, "tactile", seconds, recipe)
         if recipe.rgb_s is not None:
             _images(writer, "rgb", "rgb", recipe.rgb_s, recipe)
-        if recipe.pose_s is not None:
-            stream = writer.add_stream(
-                "pose", kind="pose", clock=CLOCK, frames=Frames(parent="world", child="tcp")
-            )
-            poses = smooth_poses(recipe.pose_s) if recipe.poses is None else recipe.poses
-            stream.append(nanoseconds(recipe.pose_s), poses)
-        if recipe.width_s is not None:
-            stream = writer.add_stream("width", kind="width", clock=CLOCK)
-            stream.append(nanoseconds(recipe.width_s), width_m(recipe.width_s))
+        for name, seconds in recipe.extra_rgb.items():
+            _images(writer, name, "rgb", seconds, recipe)
+        for side, offset in (recipe.grippers or {"": 0.0}).items():
+            _gripper(writer, f"_{side}" if side else "", offset, recipe)
     return episode_id
+
+
+def _gripper(writer: Any, suffix: str, offset: float, recipe: Recipe) -> None:
+    if recipe.pose_s is not None:
+        name = f"pose{suffix}"
+        frames = Frames(parent=recipe.parents.get(name, "world"), child=recipe.child)
+        stream = writer.add_stream(name, kind="pose", clock=CLOCK, frames=frames)
+        poses = smooth_poses(recipe.pose_s) if recipe.poses is None else recipe.poses
+        stream.append(nanoseconds(recipe.pose_s), poses + np.array([offset, 0, 0, 0, 0, 0, 0]))
+    if recipe.width_s is not None:
+        stream = writer.add_stream(f"width{suffix}", kind="width", clock=CLOCK)
+        stream.append(nanoseconds(recipe.width_s), width_m(recipe.width_s) + offset / 10)
 
 
 def write_dataset(root: Path, recipes: Sequence[Recipe]) -> exumi_data.Dataset:
