@@ -2,11 +2,17 @@
 
 import numpy as np
 
-from exumi_data.geometry import relative, rotation_6d
+from exumi_data.geometry import axis_angle_to_quaternion, compose, relative, rotation_6d
 from exumi_loaders.layout import Layout
 from exumi_loaders.timeline import Timeline
 
-__all__ = ["action_columns", "between_columns", "between_grippers", "relative_actions"]
+__all__ = [
+    "action_columns",
+    "between_columns",
+    "between_grippers",
+    "relative_actions",
+    "relative_to_start",
+]
 
 _POSE_COLUMNS = ("x", "y", "z", "r00", "r01", "r02", "r10", "r11", "r12")
 
@@ -104,6 +110,50 @@ def between_grippers(
     for name in others:
         columns += _nine(base, np.asarray(timeline.low[name])[ticks])
         valid &= timeline.valid[name][ticks]
+    return np.concatenate(columns, axis=-1, dtype=np.float32), valid
+
+
+def relative_to_start(
+    timeline: Timeline, ticks: np.ndarray, start: np.ndarray, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Express poses relative to a noisy start: where a policy was started is never exactly known.
+
+    Parameters
+    ----------
+    timeline : Timeline
+    ticks : (B, S) int64
+        Flat ticks of the steps.
+    start : (B,) int64
+        Flat tick of the start of each window's episode.
+    noise : (B, P, 6) float64
+        Of each pose stream: metres along the axes of its parent frame, and a rotation vector in
+        radians about the axes of its child frame.
+
+    Returns
+    -------
+    proprioception : (B, S, A) float32
+        Of each gripper its pose relative to its own noisy start, and its absolute width; columns
+        as in `action_columns`.
+    valid : (B, S) bool
+        Whether all of it is measured there, and the poses at the start.
+    """
+    layout = timeline.layout
+    columns: list[np.ndarray] = []
+    valid = np.ones(ticks.shape, dtype=bool)
+    for pose, width in layout.grippers:
+        if pose is not None:
+            low = np.asarray(timeline.low[pose])
+            error = noise[:, layout.pose.index(pose)]
+            turned = np.concatenate(
+                (np.zeros_like(error[:, :3]), axis_angle_to_quaternion(error[:, 3:])), axis=1
+            )
+            base = compose(low[start], turned)
+            base[:, :3] += error[:, :3]
+            columns += _nine(base[:, None], low[ticks])
+            valid &= timeline.valid[pose][ticks] & timeline.valid[pose][start][:, None]
+        if width is not None:
+            columns.append(np.asarray(timeline.low[width])[ticks][..., None])
+            valid &= timeline.valid[width][ticks]
     return np.concatenate(columns, axis=-1, dtype=np.float32), valid
 
 

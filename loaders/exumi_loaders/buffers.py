@@ -7,14 +7,44 @@ and is zeroed page by page, which costs half as much as decoding the frames into
 import math
 import weakref
 from collections import deque
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-__all__ = ["BatchBuffers"]
+__all__ = ["Batch", "BatchBuffers", "ItemSpec"]
 
 _KEPT = 4
+
+
+class ItemSpec(NamedTuple):
+    """Shape and type of one key of an item, without the axis of the batch.
+
+    Images are (..., H, W, C) in memory and are shown as (..., C, H, W).
+    """
+
+    shape: tuple[int, ...]
+    dtype: str
+    image: bool = False
+
+    def __str__(self) -> str:
+        shape = self.shape
+        if self.image:
+            shape = (*shape[:-3], shape[-1], *shape[-3:-1])
+        return f"{shape} {self.dtype}"
+
+
+class Batch(NamedTuple):
+    """One batch: as tensors, and the same memory as arrays, for filling it in place.
+
+    The arrays must not be kept: see `BatchBuffers.take`. Images are undefined until they are
+    filled; everything else is zero.
+    """
+
+    tensors: dict[str, Tensor]
+    arrays: dict[str, np.ndarray]
 
 
 class BatchBuffers:
@@ -39,6 +69,27 @@ class BatchBuffers:
         owner = memory[:].reshape(shape)
         weakref.finalize(owner, free.append, memory).atexit = False
         return torch.from_numpy(owner), memory.reshape(shape)
+
+    def batch(self, spec: Mapping[str, ItemSpec], size: int) -> Batch:
+        """Return memory for `size` items.
+
+        Parameters
+        ----------
+        spec : mapping of str to ItemSpec
+        size : int
+        """
+        tensors: dict[str, Tensor] = {}
+        arrays: dict[str, np.ndarray] = {}
+        for name, (shape, dtype, image) in spec.items():
+            if image:
+                # In the order that JPEG decoders write: torch sees it as channels-last images
+                # without a copy.
+                tensor, arrays[name] = self.take((size, *shape))
+                tensors[name] = tensor.movedim(-1, -3)
+            else:
+                arrays[name] = np.zeros((size, *shape), dtype=dtype)
+                tensors[name] = torch.from_numpy(arrays[name])
+        return Batch(tensors, arrays)
 
     def __getstate__(self) -> dict[str, object]:
         return {}
