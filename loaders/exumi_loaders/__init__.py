@@ -10,6 +10,7 @@ from exumi_data.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from exumi_loaders.active_sampler import ActiveWindowSampler
+    from exumi_loaders.concat import ConcatWindows
     from exumi_loaders.representation import TactileRepresentation
     from exumi_loaders.sampler import WindowIndex, WindowSampler
     from exumi_loaders.timeline import Timeline, TimelineSettings, build_timeline
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ActiveWindowSampler",
+    "ConcatWindows",
     "TPPWindows",
     "TactileRepresentation",
     "Timeline",
@@ -28,6 +30,7 @@ __all__ = [
 
 _HOME = {
     "ActiveWindowSampler": "active_sampler",
+    "ConcatWindows": "concat",
     "TPPWindows": "tpp",
     "TactileRepresentation": "representation",
     "Timeline": "timeline",

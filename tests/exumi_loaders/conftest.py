@@ -51,6 +51,9 @@ class Recipe:
     parents: dict[str, str] = field(default_factory=dict)
     child: str = "tcp"
     active_above: float | None = None
+    revision: int = 1
+    shift: int = 0
+    """Added to all pixels."""
 
 
 def numbered(count: int, channels: int = 1, side: int = SIDE) -> np.ndarray:
@@ -78,7 +81,7 @@ def width_m(seconds: Sequence[float]) -> np.ndarray:
 
 
 def _images(writer: Any, name: str, kind: str, seconds: Sequence[float], recipe: Recipe) -> None:
-    frames = numbered(len(seconds), recipe.channels, recipe.side)
+    frames = numbered(len(seconds), recipe.channels, recipe.side) + np.uint8(recipe.shift)
     size: Any = {"height": recipe.side, "width": recipe.side, "channels": recipe.channels}
     if recipe.encoded:
         images: Any = EncodedImages(encoding="encoded", media_type="image/jpeg", **size)
@@ -96,6 +99,7 @@ def write_episode(root: Path, number: int, recipe: Recipe) -> str:
     episode_id = str(uuid.uuid5(uuid.NAMESPACE_OID, str(number)))
     metadata = EpisodeMetadata(
         id=episode_id,
+        revision=recipe.revision,
         task=Task(name="test"),
         regime="play",
         licence="CC0-1.0",
@@ -164,3 +168,9 @@ def make_dataset(tmp_path: Path) -> MakeDataset:
 @pytest.fixture
 def recipe() -> type[Recipe]:
     return Recipe
+
+
+@pytest.fixture
+def rewrite() -> Callable[[Path, int, Recipe], str]:
+    """Write an episode in the place of the one with the same number."""
+    return write_episode
