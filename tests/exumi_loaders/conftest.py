@@ -34,6 +34,7 @@ class Recipe:
     """What one episode of a test dataset holds. Times in seconds."""
 
     tactile_s: Sequence[float] | None = None
+    tactile: str = "tactile"
     rgb_s: Sequence[float] | None = None
     pose_s: Sequence[float] | None = None
     width_s: Sequence[float] | None = None
@@ -110,12 +111,12 @@ def write_episode(root: Path, number: int, recipe: Recipe) -> str:
         root / episode_path(episode_id), metadata, overwrite=True, durable=False
     ) as writer:
         if recipe.tactile_s is not None:
-            _images(writer, "tactile", "tactile", recipe.tactile_s, recipe)
+            _images(writer, recipe.tactile, "tactile", recipe.tactile_s, recipe)
             if recipe.activity is not None:
                 values = np.asarray(recipe.activity, dtype=np.float32)
                 known = {} if recipe.active_above is None else {"active_above": recipe.active_above}
                 writer.add_derived(
-                    "tactile", "activity", values, algorithm="test/1", parameters=known
+                    recipe.tactile, "activity", values, algorithm="test/1", parameters=known
                 )
         for name, seconds in recipe.extra.items():
             _images(writer, name, "tactile", seconds, recipe)

@@ -1,6 +1,7 @@
 """Spans, masks, dropout and proprioception of windows, against what can be worked out by hand."""
 
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 import exumi_data
-from exumi_data.errors import UsageError
+from exumi_data.errors import MetadataError, UsageError
 from exumi_data.geometry import rotation_from_6d
 from exumi_data.store import jpeg
 from exumi_loaders import TPPWindows
@@ -121,13 +122,29 @@ def test_activity_follows_the_span(make_dataset: Any, recipe: Any) -> None:
 
 
 def test_thresholds_are_those_stored_with_the_activity(make_dataset: Any, recipe: Any) -> None:
+    """Both fingers in one image are active at half the share of pixels that one finger is."""
     activity = np.full(180, 7e-4)
-    by_stored = [
-        open_windows(make_dataset(full(recipe, activity=activity, active_above=above), name=name))
-        for name, above in (("one", None), ("both", 5e-4))
-    ]
-    assert [windows.active.any() for windows in by_stored] == [False, True]
-    assert not open_windows(by_stored[1].episodes, active_above=1e-3).active.any()
+    for above, active in ((None, False), (5e-4, True), (8e-4, False)):
+        combined = full(recipe, tactile="tactile_combined", activity=activity, active_above=above)
+        windows = open_windows(make_dataset(combined, name=str(above)))
+        assert windows[3]["tactile_combined"].shape == (8, 1, 8, 8)
+        assert windows.active.all() == windows.active.any() == active
+        assert open_windows(windows.episodes, active_above=6e-4).active.all()
+
+
+def test_another_stored_threshold_is_noticed(make_dataset: Any, recipe: Any, tmp_path: Any) -> None:
+    activity = np.full(180, 7e-4)
+    for above, active in ((1e-3, False), (5e-4, True)):
+        dataset = make_dataset(full(recipe, activity=activity, active_above=above))
+        assert open_windows(dataset, cache=tmp_path / "cache").active.all() == active
+
+
+def test_a_threshold_that_is_no_number_is_refused(make_dataset: Any, recipe: Any) -> None:
+    dataset = make_dataset(full(recipe, active_above=0.001))
+    document = Path(dataset.episode_location(0), "derived/zarr.json")
+    document.write_text(document.read_text().replace("0.001", '"much"'))
+    with pytest.raises(MetadataError, match="'much', not a number"):
+        open_windows(dataset)
 
 
 def test_spans_that_make_no_sense_are_refused(opened: exumi_data.Dataset) -> None:
