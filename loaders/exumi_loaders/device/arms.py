@@ -207,9 +207,7 @@ def _partners(grippers: tuple[Gripper, ...]) -> list[int]:
             )
     partner = [names.index(pairs[name]) for name in names]
     for number, other in enumerate(partner):
-        if [name is None for name in grippers[number]] != [
-            name is None for name in grippers[other]
-        ]:
+        if _width_of(grippers[number]) != _width_of(grippers[other]):
             raise UsageError(
                 f"only one of {names[number]!r} and {names[other]!r} has a width",
                 fix="Give the windows the width of both grippers, or of neither (width=...).",
