@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from types import MappingProxyType
@@ -19,7 +20,10 @@ from exumi_data.store.access import FolderStore, ZipStore, open_store
 if TYPE_CHECKING:
     from exumi_data.store.images import EncodedFrames, Frames, VideoStreamFrames
 
-__all__ = ["Episode", "StreamView", "open_episode"]
+__all__ = ["CALIBRATION_PATH", "Episode", "StreamView", "open_episode"]
+
+CALIBRATION_PATH = re.compile(r"calibration(/[a-z][a-z0-9_]*)+")
+"""Paths of arrays that are too big for JSON."""
 
 
 class StreamView:
@@ -336,6 +340,41 @@ class Episode:
         if self.derived is None or key not in self.derived.items:
             return None
         return open_array(self.store, f"derived/{key}").read()
+
+    def calibration_array(self, name: str, *, shape: tuple[int, ...] | None = None) -> np.ndarray:
+        """Return the array of a calibration item.
+
+        Parameters
+        ----------
+        name : str
+            Of an item that has one.
+        shape : tuple of int, optional
+            Which it must have: nothing is read otherwise.
+
+        Returns
+        -------
+        ndarray
+
+        Raises
+        ------
+        UsageError
+            There is no such item, or it has no array.
+        DamagedDataError
+            The array is missing, damaged or of another shape.
+        """
+        from exumi_data.store.shards import open_array  # keeps the import light
+
+        item = self.metadata.calibration.get(name)
+        if item is None or item.array is None:
+            raise UsageError(f"no calibration array of {name!r}", where=self.path)
+        if not CALIBRATION_PATH.fullmatch(item.array):
+            raise DamagedDataError(f"{item.array!r} is no array below calibration", where=self.path)
+        array = open_array(self.store, item.array)
+        if shape is not None and array.shape != shape:
+            raise DamagedDataError(
+                f"an array of {array.shape}, expected {shape}", where=f"{self.path}/{item.array}"
+            )
+        return array.read()
 
     @property
     def duration_s(self) -> float:

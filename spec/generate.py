@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from exumi_data import standard
+from exumi_data.model.calibration import Intrinsics, Rectification
 from exumi_data.model.episode import FORMAT_VERSION
 from exumi_data.model.schema import DOCUMENTS, json_schema
 
@@ -46,6 +47,8 @@ def _definitions() -> dict[str, Any]:
         schema = json_schema(name)
         found |= schema.get("$defs", {})
         found[model.__name__] = schema
+    for value in (Intrinsics, Rectification):  # of calibration items, whose values may be anything
+        found[value.__name__] = value.model_json_schema()
     return found
 
 

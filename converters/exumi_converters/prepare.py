@@ -6,11 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any, Literal
 
 from exumi_converters.conversion import TOOL
 from exumi_converters.destination import write_splits
 from exumi_converters.identity import episode_id, settings_digest
-from exumi_converters.prepared_episode import PrepareSettings, write_prepared
+from exumi_converters.prepare_settings import DEFAULT_FOV_DEG, PrepareSettings
+from exumi_converters.prepared_episode import derived_afterwards, write_prepared
 from exumi_converters.report import PrepareReport, Progress
 from exumi_converters.run import Done, Run, attempt, make_episode, opened_run
 from exumi_data import __version__
@@ -36,6 +38,10 @@ _CONVERTER = "prepare/1"
 _ID_SCHEME = "prepare/1"
 _SIZES = range(8, 4097)
 _QUALITIES = range(1, 101)
+_TACTILE = ("separate", "combined")
+_RGB = ("resize", "rectify")
+_LEAST_FOV_DEG, _MOST_FOV_DEG = 1.0, 170.0
+_MOST_APART_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +63,7 @@ class _Parent:
     digest: str | None = None
 
 
-def prepare(
+def prepare(  # noqa: PLR0913  # options, all by keyword
     source: str | Path,
     destination: str | Path,
     *,
@@ -65,15 +71,22 @@ def prepare(
     gray: bool = False,
     quality: int = 95,
     lossless: bool = False,
+    tactile: Literal["separate", "combined"] = "separate",
+    rgb: Literal["resize", "rectify"] = "resize",
+    fov_deg: float = DEFAULT_FOV_DEG,
+    pair_within_s: float | None = None,
     workers: int | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> PrepareReport:
     """Make a training set of native episodes, in the same format.
 
     Frames of all image streams are resized to squares and stored as JPEG; reference images go
-    through the same steps. Activity, salient frames, labels and every other stream are carried
-    along as they are. Each step at which something is lost is named in the episode. A second run
-    skips what is complete, and makes again what has changed.
+    through the same steps. Where an episode holds a rectification map of a tactile sensor
+    (`exumi_data.calibration`), its frames are rectified and cropped by it first. Activity is
+    measured where there is none, or where frames are rectified; otherwise it, salient frames,
+    labels and every other stream are carried along as they are. Calibration is changed as the
+    images are. Each step at which something is lost is named in the episode. A second run skips
+    what is complete, and makes again what has changed.
 
     Parameters
     ----------
@@ -89,6 +102,18 @@ def prepare(
         Of the JPEGs, 1 to 100.
     lossless : bool
         Store resized pixels without loss instead (`quality` plays no part).
+    tactile : {"separate", "combined"}
+        ``combined``: one stream ``<name>_combined`` takes the place of ``<name>_left`` and
+        ``<name>_right``. The left finger's frames are turned left by 90 degrees, the right one's
+        right, and stand side by side; each left frame is paired with the nearest right frame.
+        Activity is that of the combined image, its threshold 5e-4.
+    rgb : {"resize", "rectify"}
+        ``rectify``: camera frames lose the distortion that the stored intrinsics describe.
+    fov_deg : float
+        Field of view of rectified camera frames across and down, degrees.
+    pair_within_s : float, optional
+        How far apart the frames of two fingers may be, seconds; left frames without a right one
+        are dropped and counted. Default: the right finger's median frame interval.
     workers : int, optional
         Processes; default all cores.
     on_progress : callable, optional
@@ -105,11 +130,15 @@ def prepare(
         An option, the source or the destination makes no sense as a whole.
     """
     began = time.perf_counter()
-    if size not in _SIZES:
-        raise UsageError(f"Invalid size ({size}). Supported values are 8 to 4096 pixels")
-    if not lossless and quality not in _QUALITIES:
-        raise UsageError(f"Invalid quality ({quality}). Supported values are 1 to 100")
-    settings = PrepareSettings(size, gray, None if lossless else quality)
+    settings = _settings(
+        size=size,
+        gray=gray,
+        quality=None if lossless else quality,
+        tactile=tactile,
+        rgb=rgb,
+        fov_deg=fov_deg,
+        pair_within_s=pair_within_s,
+    )
     source, destination = Path(source), Path(destination)
     if destination.exists() and source.resolve() == destination.resolve():
         raise UsageError(
@@ -141,6 +170,46 @@ def prepare(
         )
 
 
+def _settings(
+    *,
+    size: int,
+    gray: bool,
+    quality: int | None,
+    tactile: Literal["separate", "combined"],
+    rgb: Literal["resize", "rectify"],
+    fov_deg: float,
+    pair_within_s: float | None,
+) -> PrepareSettings:
+    if size not in _SIZES:
+        raise UsageError(f"Invalid size ({size}). Supported values are 8 to 4096 pixels")
+    if quality is not None and quality not in _QUALITIES:
+        raise UsageError(f"Invalid quality ({quality}). Supported values are 1 to 100")
+    for name, value, known in (("tactile", tactile, _TACTILE), ("rgb", rgb, _RGB)):
+        if value not in known:
+            raise UsageError(
+                f"Invalid {name} ({value!r}). Supported values are {' and '.join(known)}"
+            )
+    if not _LEAST_FOV_DEG <= fov_deg <= _MOST_FOV_DEG:
+        raise UsageError(
+            f"Invalid fov_deg ({fov_deg}). Supported values are {_LEAST_FOV_DEG:g} to "
+            f"{_MOST_FOV_DEG:g} degrees"
+        )
+    if pair_within_s is not None and not 0 <= pair_within_s <= _MOST_APART_S:
+        raise UsageError(
+            f"Invalid pair_within_s ({pair_within_s}). Supported values are 0 to "
+            f"{_MOST_APART_S:g} seconds"
+        )
+    return PrepareSettings(
+        size=size,
+        gray=gray,
+        quality=quality,
+        tactile=tactile,
+        rgb=rgb,
+        fov_deg=float(fov_deg),
+        pair_within_ns=None if pair_within_s is None else round(pair_within_s * 1e9),
+    )
+
+
 def _refuse_other_settings(destination: Path, settings: PrepareSettings) -> None:
     """Keep one training set to one sort of frames: every clip would be in it twice."""
     document = destination / DATASET_DOCUMENT
@@ -148,10 +217,10 @@ def _refuse_other_settings(destination: Path, settings: PrepareSettings) -> None
         return
     made_by = parse_dataset(document.read_bytes(), document).made_by
     found = (made_by.settings if made_by else None) or {}
-    wanted = {"converter": _CONVERTER, **settings.to_json()}
+    wanted: dict[str, Any] = {"converter": _CONVERTER, **settings.to_json()}
     if found.get("converter") == _CONVERTER and found != wanted:
-        differing = [key for key in wanted if found.get(key) != wanted[key]]
-        said = ", ".join(f"{key} {found.get(key)} (now {wanted[key]})" for key in differing)
+        differing = [key for key in {**wanted, **found} if found.get(key) != wanted.get(key)]
+        said = ", ".join(f"{key} {found.get(key)} (now {wanted.get(key)})" for key in differing)
         raise UsageError(
             f"was prepared with other settings: {said}",
             where=destination,
@@ -252,7 +321,7 @@ def _prepare_one(item: _Parent, *, root: Path, settings: PrepareSettings) -> Don
             metadata,
             lambda writer: write_prepared(parent, writer, settings),
             durable=True,
-            derived=list(parent.derived.items if parent.derived else ()),
+            derived=derived_afterwards(parent, settings),
         )
 
     try:

@@ -27,15 +27,26 @@ from exumi_data.tactile import (
     thumbnail,
 )
 
-__all__ = ["SALIENT_FRAMES", "FrameReader", "TactileAnalysis", "add_activity", "add_salience"]
+__all__ = [
+    "REFERENCE_FROM",
+    "SALIENT_FRAMES",
+    "FrameReader",
+    "TactileAnalysis",
+    "add_activity",
+    "add_salience",
+    "estimated_note",
+]
 
 SALIENT_FRAMES = 10
 """How many salient frames are stored: as many as Octopi uses."""
 
 _KEPT_BYTES = 64 << 20
-# Five minutes at 25 frames/s: the thumbnails of a longer clip would fill the memory, and a sensor
-# that is not at rest for as long will hardly be later.
-_REFERENCE_FROM = 8192
+REFERENCE_FROM = 8192
+"""How many frames are searched for a reference.
+
+Five minutes at 25 frames/s: the thumbnails of a longer clip would fill the memory, and a sensor
+that is not at rest for as long will hardly be later.
+"""
 
 
 class FrameReader(Protocol):
@@ -82,7 +93,7 @@ class TactileAnalysis:
             )
         before = grey if self._previous is None else self._previous
         self._energies.append(difference_energy(before, grey))
-        if self.count < _REFERENCE_FROM:
+        if self.count < REFERENCE_FROM:
             self._thumbnails.append(thumbnail(grey))
         self._keep(grey)
         self._previous = grey
@@ -119,7 +130,7 @@ class TactileAnalysis:
             algorithm=REFERENCE_METHOD,
         )
         if not choice.contact_free:
-            writer.metadata.quality.append(_estimated_note(stream.name, choice))
+            writer.metadata.quality.append(estimated_note(stream.name, choice))
         greys: Callable[[], Iterable[np.ndarray]] = reader.greys
         kept = self._kept
         if kept is not None:
@@ -128,7 +139,15 @@ class TactileAnalysis:
         add_salience(writer, stream.name, self._energies)
 
 
-def _estimated_note(stream: str, choice: ReferenceChoice) -> QualityNote:
+def estimated_note(stream: str, choice: ReferenceChoice) -> QualityNote:
+    """Return the note that a reference may hold contact.
+
+    Parameters
+    ----------
+    stream : str
+    choice : ReferenceChoice
+        Not free of contact.
+    """
     return QualityNote(
         code="reference-estimated",
         message=f"no frames without contact were found ({choice.reason}): the reference image may "

@@ -1,5 +1,6 @@
 """``exumi prepare``."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -14,13 +15,28 @@ from exumi_data.cli.options import (
     given_path,
 )
 
-__all__ = ["EPILOG", "run"]
+__all__ = ["EPILOG", "Rgb", "Tactile", "run"]
 
 EPILOG = epilog(
     "exumi prepare my-dataset my-training-set",
     "exumi prepare my-dataset my-training-set --size 224 --gray --quality 95",
     "exumi prepare my-dataset my-training-set --lossless",
+    "exumi prepare my-dataset my-training-set --tactile combined --rgb rectify",
 )
+
+
+class Tactile(StrEnum):
+    """What becomes of two fingers."""
+
+    SEPARATE = "separate"
+    COMBINED = "combined"
+
+
+class Rgb(StrEnum):
+    """What becomes of camera frames."""
+
+    RESIZE = "resize"
+    RECTIFY = "rectify"
 
 
 def run(  # noqa: PLR0913, PLR0917  # options of the command line
@@ -50,6 +66,27 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     lossless: Annotated[
         bool, typer.Option("--lossless", help="Store pixels instead of JPEG files: larger.")
     ] = False,
+    tactile: Annotated[
+        Tactile, typer.Option(help="One image a finger, or one of both as exUMI trains on.")
+    ] = Tactile.SEPARATE,
+    rgb: Annotated[
+        Rgb, typer.Option(help="Resize camera frames, or take their distortion out as well.")
+    ] = Rgb.RESIZE,
+    fov: Annotated[
+        float | None,
+        typer.Option(
+            min=1, max=170, help="Field of view of rectified camera frames, degrees. Default: 90."
+        ),
+    ] = None,
+    pair_within: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            max=10,
+            help="How far apart frames of two fingers may be to be combined, seconds. Default: "
+            "one frame interval.",
+        ),
+    ] = None,
     keep_going: Annotated[
         bool,
         typer.Option(
@@ -71,6 +108,12 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
 
     if lossless and quality is not None:
         raise UsageError("--lossless and --quality exclude each other", fix="Give one of them.")
+    if fov is not None and rgb is not Rgb.RECTIFY:
+        raise UsageError("--fov goes with --rgb rectify", fix="Add it, or leave --fov out.")
+    if pair_within is not None and tactile is not Tactile.COMBINED:
+        raise UsageError(
+            "--pair-within goes with --tactile combined", fix="Add it, or leave --pair-within out."
+        )
     with run_progress("Preparing", quiet=quiet) as on_progress:
         report = prepare(
             source,
@@ -79,6 +122,10 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
             gray=gray,
             quality=95 if quality is None else quality,
             lossless=lossless,
+            tactile=tactile.value,
+            rgb=rgb.value,
+            fov_deg=90.0 if fov is None else fov,
+            pair_within_s=pair_within,
             workers=workers,
             on_progress=on_progress,
         )

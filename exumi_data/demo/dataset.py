@@ -40,6 +40,7 @@ from exumi_data.model import (
     Source,
     Task,
 )
+from exumi_data.model.calibration import INTRINSICS
 from exumi_data.model.documents import parse_dataset
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
@@ -250,9 +251,7 @@ def _calibration(session: "PlaySession") -> dict[str, CalibrationItem]:
             },
             method=known,
         ),
-        "rgb_intrinsics": CalibrationItem(
-            value=session.camera_matrix.tolist(), unit="px", method=known
-        ),
+        f"{INTRINSICS}rgb": CalibrationItem(value=_intrinsics(session), unit="px", method=known),
         "T_gripper_rgb": CalibrationItem(
             value=session.gripper_camera.tolist(), unit="m", method=known
         ),
@@ -266,6 +265,13 @@ def _encoder_map(encoder: "WidthEncoder") -> dict[str, list[float]]:
         "raw": [encoder.zero_count + count for count in counts],
         "data": [count / encoder.counts_per_m for count in counts],
     }
+
+
+def _intrinsics(session: "PlaySession") -> dict[str, Any]:
+    height, width = session.streams["rgb"].render(0).shape[:2]
+    (fx, skew, cx), (_, fy, cy), _ = session.camera_matrix.tolist()
+    size = {"width": width, "height": height}
+    return {"model": "pinhole", **size, "fx": fx, "fy": fy, "cx": cx, "cy": cy, "skew": skew}
 
 
 def _annotations(session: "PlaySession", number: int) -> Annotations:

@@ -4,7 +4,7 @@ import os
 import re
 import shutil
 import weakref
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -194,7 +194,13 @@ class EpisodeWriter:
         folder = self._partial / "streams" / name
         self._streams[name] = CopiedStream(folder, episode.store, f"streams/{name}", model)
 
-    def copy_group(self, episode: "Episode", name: Literal["calibration", "annotations"]) -> None:
+    def copy_group(
+        self,
+        episode: "Episode",
+        name: Literal["calibration", "annotations"],
+        *,
+        without: Collection[str] = (),
+    ) -> None:
         """Take over the arrays that another episode keeps beside its streams, byte for byte.
 
         Parameters
@@ -202,9 +208,12 @@ class EpisodeWriter:
         episode : Episode
             The other episode.
         name : {"calibration", "annotations"}
+        without : collection of str, optional
+            Paths of arrays to leave out, such as ``calibration/map``; groups that hold nothing
+            else are left out as well.
         """
         self._check_open()
-        copy_files(episode.store, name, self._partial / name)
+        copy_files(episode.store, name, self._partial / name, without)
 
     def add_calibration_array(
         self, name: str, values: np.ndarray, *, dimension_names: Sequence[str] | None = None

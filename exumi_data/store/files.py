@@ -18,6 +18,7 @@ __all__ = [
     "sync_file_system",
     "sync_folder",
     "sync_tree",
+    "try_lock",
     "write_atomic",
 ]
 
@@ -123,7 +124,7 @@ def claim_folder(path: Path) -> int:
         path.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
         try:
-            _lock(descriptor)
+            try_lock(descriptor)
             if _is_at(descriptor, path):
                 for entry in path.iterdir():
                     _remove(entry)
@@ -139,7 +140,14 @@ def claim_folder(path: Path) -> int:
         os.close(descriptor)
 
 
-def _lock(descriptor: int) -> None:
+def try_lock(descriptor: int) -> None:
+    """Lock an open file or folder for this process, until it is closed.
+
+    Raises
+    ------
+    BlockingIOError
+        Another process holds it.
+    """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -1,5 +1,6 @@
 """A stream of another episode, taken over file by file: nothing is decoded or written anew."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 from exumi_data.model.streams import StreamModel
@@ -43,7 +44,7 @@ class CopiedStream:
         """Do nothing: no file is open."""
 
 
-def copy_files(store: Store, path: str, folder: Path) -> None:
+def copy_files(store: Store, path: str, folder: Path, without: Collection[str] = ()) -> None:
     """Copy all files below a path of an episode.
 
     Parameters
@@ -52,6 +53,8 @@ def copy_files(store: Store, path: str, folder: Path) -> None:
     path : str
     folder : pathlib.Path
         Where they go; made if there is one to copy.
+    without : collection of str, optional
+        Paths of arrays to leave out, and with them groups that hold nothing else.
 
     Raises
     ------
@@ -59,9 +62,18 @@ def copy_files(store: Store, path: str, folder: Path) -> None:
         A file is cut short.
     """
     prefix = f"{path}/"
-    for member in store.paths():
-        if member.startswith(prefix):
-            _copy(store, member, folder / member.removeprefix(prefix))
+    members = {member for member in store.paths() if member.startswith(prefix)}
+    for member in sorted(_less(members, without)):
+        _copy(store, member, folder / member.removeprefix(prefix))
+
+
+def _less(members: set[str], without: Collection[str]) -> set[str]:
+    kept = {m for m in members if not any(m.startswith(f"{array}/") for array in without)}
+    groups = {array.rsplit("/", depth)[0] for array in without for depth in range(1, 64)}
+    for group in sorted(groups, key=len, reverse=True):
+        if not any(m.startswith(f"{group}/") and m != f"{group}/zarr.json" for m in kept):
+            kept.discard(f"{group}/zarr.json")
+    return kept
 
 
 def _copy(store: Store, member: str, target: Path) -> None:

@@ -1,7 +1,8 @@
 """Tactile images: grey, contact representation, activity, salient frames, choice of a reference.
 
-Everything here works on uint8 images of one sensor, rectified and cropped by the caller. Grey
-levels are 0 to 255. A *reference image* shows the sensor without contact.
+Everything here works on uint8 images of one sensor, which `rectification` makes straight; a
+gripper's two fingers are put together by `combined`. Grey levels are 0 to 255. A *reference image*
+shows the sensor without contact.
 
 OpenCV is imported where it is used, so that importing this package costs nothing.
 """
@@ -14,7 +15,9 @@ from exumi_data.tactile.activity import (
     PIXEL_THRESHOLD,
     ActivityMeter,
 )
+from exumi_data.tactile.combined import Combiner, combined_scale
 from exumi_data.tactile.images import REPRESENTATION_GAIN, representation, to_grey
+from exumi_data.tactile.rectification import PixelMap, Rectifier, read_ninedtact
 from exumi_data.tactile.reference import (
     REFERENCE_METHOD,
     ReferenceChoice,
@@ -34,9 +37,14 @@ __all__ = [
     "REPRESENTATION_GAIN",
     "SALIENCE_METHOD",
     "ActivityMeter",
+    "Combiner",
+    "PixelMap",
+    "Rectifier",
     "ReferenceChoice",
     "choose_reference",
+    "combined_scale",
     "difference_energy",
+    "read_ninedtact",
     "reference_image",
     "representation",
     "salient_frames",

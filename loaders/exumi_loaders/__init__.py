@@ -25,10 +25,18 @@ if TYPE_CHECKING:
     from exumi_loaders.instructions import InstructionSamples
     from exumi_loaders.properties import PropertyWindows
     from exumi_loaders.representation import TactileRepresentation
+    from exumi_loaders.retrieval.building import Embedding, encode_clips
+    from exumi_loaders.retrieval.entries import Entry
+    from exumi_loaders.retrieval.guessing import guessing_game
+    from exumi_loaders.retrieval.index import TactileIndex
+    from exumi_loaders.retrieval.matches import Match
+    from exumi_loaders.retrieval.scoring import Score, evaluate, leave_one_out
     from exumi_loaders.sampler import WindowIndex, WindowSampler
+    from exumi_loaders.texture import TextureEncoder
     from exumi_loaders.timeline import Timeline, TimelineSettings, build_timeline
     from exumi_loaders.tpp import TPPWindows
     from exumi_loaders.two_views import TwoViews
+    from exumi_loaders.vision import VisionEncoder
 
 __all__ = [
     "ActiveWindowSampler",
@@ -41,8 +49,11 @@ __all__ = [
     "ConcatWindows",
     "ContrastiveBatches",
     "DecodeJpeg",
+    "Embedding",
+    "Entry",
     "InfoNCE",
     "InstructionSamples",
+    "Match",
     "Mirror",
     "NormaliseSensor",
     "OctopiImages",
@@ -50,16 +61,24 @@ __all__ = [
     "PropertyWindows",
     "RandomCrop",
     "Resize",
+    "Score",
     "TPPWindows",
+    "TactileIndex",
     "TactileRepresentation",
+    "TextureEncoder",
     "Timeline",
     "TimelineSettings",
     "ToFloat",
     "TwoViews",
+    "VisionEncoder",
     "WindowIndex",
     "WindowSampler",
     "build_timeline",
+    "encode_clips",
+    "evaluate",
+    "guessing_game",
     "info_nce",
+    "leave_one_out",
     "prefetch_to_device",
 ]
 
@@ -74,8 +93,11 @@ _HOME = {
     "ConcatWindows": "concat",
     "ContrastiveBatches": "contrastive",
     "DecodeJpeg": "device.jpeg",
+    "Embedding": "retrieval.building",
+    "Entry": "retrieval.entries",
     "InfoNCE": "contrastive_loss",
     "InstructionSamples": "instructions",
+    "Match": "retrieval.matches",
     "Mirror": "device.mirror",
     "NormaliseSensor": "device.octopi",
     "OctopiImages": "device.octopi",
@@ -83,16 +105,24 @@ _HOME = {
     "PropertyWindows": "properties",
     "RandomCrop": "device.size",
     "Resize": "device.size",
+    "Score": "retrieval.scoring",
     "TPPWindows": "tpp",
+    "TactileIndex": "retrieval.index",
     "TactileRepresentation": "representation",
+    "TextureEncoder": "texture",
     "Timeline": "timeline",
     "TimelineSettings": "timeline",
     "ToFloat": "device.to_float",
     "TwoViews": "two_views",
+    "VisionEncoder": "vision",
     "WindowIndex": "sampler",
     "WindowSampler": "sampler",
     "build_timeline": "timeline",
+    "encode_clips": "retrieval.building",
+    "evaluate": "retrieval.scoring",
+    "guessing_game": "retrieval.guessing",
     "info_nce": "contrastive_loss",
+    "leave_one_out": "retrieval.scoring",
     "prefetch_to_device": "device.prefetch",
 }
 

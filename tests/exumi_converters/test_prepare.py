@@ -30,7 +30,8 @@ from exumi_data.model import (
 )
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
-from exumi_data.tactile import to_grey
+from exumi_data.tactile import ActivityMeter, reference_image, to_grey
+from tests.exumi_data.builders import edit_metadata
 
 Run = Callable[..., tuple[ConversionReport, Dataset]]
 PARENT = "0190a1b2-0000-7000-8000-000000000001"
@@ -366,12 +367,63 @@ def test_a_damaged_parent_fails_by_name_and_the_rest_is_made(
     assert not list((tmp_path / "train").rglob(".partial-*"))
 
 
-def test_an_episode_without_activity_is_complete_without(play: Path, tmp_path: Path) -> None:
-    shutil.rmtree(play / "episodes" / "01" / f"{PARENT}.zarr" / "derived")
+@pytest.mark.parametrize("size", [64, 120])
+def test_activity_is_measured_where_there_is_none(play: Path, tmp_path: Path, size: int) -> None:
+    path = play / "episodes" / "01" / f"{PARENT}.zarr"
+    shutil.rmtree(path / "derived")
+    made(play, tmp_path / "train", size=size)
+    report, dataset = made(play, tmp_path / "train", size=size)
+    assert (report.converted, report.skipped) == (0, 1)
+    parent = open_episode(path)["tactile_left"]
+    assert parent.reference is not None
+    meter = ActivityMeter(parent.reference)
+    expected = [meter.measure(frame[..., 0]) for frame in parent.frames.iterate(grey=True)]
+    assert max(expected) > 0.01
+    activity = dataset[0]["tactile_left"].activity
+    assert activity is not None
+    # The luma of a decoded JPEG may differ by a level from that of its colours.
+    assert np.abs(activity - expected).max() < 1e-3
+    derived = dataset[0].derived
+    assert derived is not None
+    assert list(derived.items) == ["tactile_left/activity"]
+    assert derived.items["tactile_left/activity"].parameters["active_above"] == 1e-3
+    assert derived.items["tactile_left/activity"].inputs[0].startswith(PARENT)
+
+
+def test_activity_of_what_is_copied_is_measured_too(play: Path, tmp_path: Path) -> None:
+    made(play, tmp_path / "once", size=64)
+    (once,) = open_dataset(tmp_path / "once")
+    shutil.rmtree(Path(once.path) / "derived")
+    _, twice = made(tmp_path / "once", tmp_path / "twice", size=64)
+    assert files_of(twice[0], "streams/") == files_of(once, "streams/")
+    assert twice[0]["tactile_left"].activity is not None
+
+
+def test_a_reference_is_selected_where_there_is_none(play: Path, tmp_path: Path) -> None:
+    path = play / "episodes" / "01" / f"{PARENT}.zarr"
+    shutil.rmtree(path / "derived")
+    shutil.rmtree(path / "streams" / "tactile_left" / "reference")
+
+    def forget(exumi: dict[str, Any]) -> None:
+        exumi["streams"]["tactile_left"]["arrays"].remove("reference")
+        del exumi["streams"]["tactile_left"]["reference"]
+
+    edit_metadata(path, forget)
     made(play, tmp_path / "train", size=64)
     report, dataset = made(play, tmp_path / "train", size=64)
     assert (report.converted, report.skipped) == (0, 1)
-    assert dataset[0].derived is None
+    about = tactile(dataset[0], "tactile_left").reference
+    assert about is not None
+    assert (about.method, about.algorithm) == ("selected", "exumi-reference/1")
+    assert about.frames is not None
+    # Contact lasts from the first third to the second.
+    assert not set(about.frames) & set(range(COUNT // 3, 2 * COUNT // 3))
+    native = open_episode(path)["tactile_left"]
+    chosen = reference_image(list(native.frames.read(about.frames)))
+    assert np.array_equal(dataset[0]["tactile_left"].reference, resize(chosen, 64))  # type: ignore[arg-type]  # there is one
+    activity = dataset[0]["tactile_left"].activity
+    assert activity is not None
+    assert activity[COUNT // 2] > 1e-3 > activity[0]
 
 
 def test_arguments_that_make_no_sense_are_refused(play: Path, tmp_path: Path) -> None:

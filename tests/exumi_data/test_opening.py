@@ -172,7 +172,7 @@ def other_zip(root: Path) -> Path:
 
 
 WRONG: dict[Any, tuple[type[Exception], str]] = {
-    empty: (NotAnEpisodeError, "no path was given"),
+    empty: (NotAnEpisodeError, "empty path was given"),
     missing: (NotAnEpisodeError, "no such file or folder"),
     below_a_file: (NotAnEpisodeError, "no such file or folder"),
     long_name: (NotAnEpisodeError, "cannot be opened|no such file"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from exumi_data.errors import UsageError
-from exumi_loaders.texture import TextureEncoder
+from exumi_loaders.texture import TextureEncoder, _magnitudes, _step
 
 REST = np.full((64, 96, 3), 120, dtype=np.uint8)
 
@@ -35,8 +35,10 @@ def test_what_is_not_pressed_says_nothing() -> None:
 
 def test_grey_and_colour_are_told_apart() -> None:
     grey = TextureEncoder(1)
-    assert grey.encode(pressed(6)[..., :1], REST[..., :1]).shape == (114,)
-    assert TextureEncoder().encode(pressed(6), REST).shape == (234,)
+    assert grey.encode(pressed(6)[..., :1], REST[..., :1]).shape == (grey.dimension,) == (114,)
+    assert (
+        TextureEncoder().encode(pressed(6), REST).shape == (TextureEncoder().dimension,) == (234,)
+    )
     assert grey.digest != TextureEncoder().digest
     with pytest.raises(UsageError, match="made for 1"):
         grey.encode(pressed(6), REST)
@@ -44,7 +46,11 @@ def test_grey_and_colour_are_told_apart() -> None:
 
 @pytest.mark.parametrize(
     ("frames", "reference", "said"),
-    [(pressed(6), None, "reference"), (pressed(6)[:0], REST, "at least one frame")],
+    [
+        (pressed(6), None, "reference"),
+        (pressed(6)[:0], REST, "at least one frame"),
+        (pressed(6), REST[:32], "a reference of"),
+    ],
 )
 def test_what_is_missing_is_said(
     frames: np.ndarray, reference: np.ndarray | None, said: str
@@ -56,3 +62,15 @@ def test_what_is_missing_is_said(
 def test_other_channels_than_1_and_3_are_refused() -> None:
     with pytest.raises(UsageError, match="channels"):
         TextureEncoder(4)
+
+
+def test_magnitudes_are_those_of_all_pixels_or_nearly() -> None:
+    """Percentiles are told from a sample, spread over rows and columns."""
+    random = np.random.default_rng(0)
+    stripes = np.abs(np.arange(320) % 8 - 3.5) * 10  # a sample of every 8th column would be blind
+    band = (stripes[None, :, None] + random.normal(0, 3, (240, 320, 3))).astype(np.float32)
+    found = np.expm1(_magnitudes(band)).reshape(3, 3)
+    size = np.abs(band).reshape(-1, 3)
+    expected = (size.mean(0), *np.percentile(size, (90, 99), axis=0))
+    np.testing.assert_allclose(found, expected, rtol=0.03)
+    assert _step(240 * 320, 320) > 1

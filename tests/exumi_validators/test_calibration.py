@@ -1,16 +1,22 @@
 """Calibrations: named, of the time of the recording, and known somehow."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from exumi_data.calibration import add_intrinsics, add_rectification
+from exumi_data.episode import open_episode
 from exumi_data.model import CalibrationItem, RawData
+from exumi_data.model.calibration import Intrinsics
 from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_data.tactile.rectification import PixelMap
 from exumi_validators import Report, validate
 from exumi_validators.raw_to_data import RawToData, read_map
-from tests.exumi_data.builders import CLOCK, edit_metadata, metadata
+from tests.exumi_data.builders import CLOCK, HEIGHT, WIDTH, add_images, edit_metadata, metadata
 
 START = "2026-05-04T10:20:30.123456789Z"
 
@@ -229,3 +235,89 @@ def test_a_count_stands_for_the_number_nearest_to_the_middle(
     stated = read_map({"raw_to_data": {"raw": [50, 150], "data": [0.0, 1.0]}})
     assert isinstance(stated, RawToData)
     np.testing.assert_allclose(stated.at(np.array([count]), modulus), [meant])
+
+
+def write_images(path: Path, **said: Any) -> Path:
+    """An episode of a finger with a map, and a camera whose lens is known."""
+    index = np.moveaxis(np.mgrid[:HEIGHT, :WIDTH], 0, -1).astype(np.uint16)
+    pixel_map = PixelMap(index, (HEIGHT / 2, WIDTH / 2), (HEIGHT, WIDTH))
+    camera = Intrinsics(model="pinhole", width=WIDTH, height=HEIGHT, fx=9.0, fy=9.5, cx=-3, cy=2.5)
+    with EpisodeWriter(path, metadata(), durable=False) as writer:
+        add_images(writer)
+        add_rectification(writer, "tactile", pixel_map, method="dots", **said)
+        add_intrinsics(writer, "gopro", camera, method="board")
+    return path
+
+
+def changed(path: Path, name: str, **value: Any) -> list[str]:
+    edit_metadata(path, lambda exumi: exumi["calibration"][name]["value"].update(value))
+    return codes(path)
+
+
+def test_a_whole_map_with_a_whole_crop_fits(tmp_path: Path) -> None:
+    path = write_images(tmp_path / "e.zarr")
+    assert codes(path) == []
+    # Half a pixel further is rounded down to the same place; the whole pixel is outside.
+    name = "rectification/tactile"
+    assert changed(path, name, centre_px=[HEIGHT / 2 + 0.5, WIDTH / 2 + 0.5]) == []
+    assert changed(path, name, centre_px=[HEIGHT / 2 + 1, WIDTH / 2]) == ["CAL-007"]
+    assert changed(path, name, centre_px=[HEIGHT / 2 - 0.5, WIDTH / 2]) == ["CAL-007"]
+    assert changed(path, name, centre_px=[HEIGHT / 2, WIDTH / 2], crop_px=[HEIGHT, 0]) == [
+        "CAL-007"
+    ]
+
+
+@pytest.mark.parametrize(("last", "found"), [(HEIGHT - 1, []), (HEIGHT, ["CAL-007"])])
+def test_the_last_row_is_inside_the_next_is_not(
+    tmp_path: Path, last: int, found: list[str]
+) -> None:
+    path = write_images(tmp_path / "e.zarr")
+    with open_episode(path) as episode:
+        index = episode.calibration_array("rectification/tactile").copy()
+    index[3, 4, 0] = last
+    with EpisodeWriter(tmp_path / "o.zarr", metadata(), durable=False) as writer:
+        writer.add_calibration_array("rectification/tactile", index)
+    shutil.rmtree(path / "calibration")
+    shutil.copytree(tmp_path / "o.zarr" / "calibration", path / "calibration")
+    assert codes(path) == found
+
+
+def test_a_map_lies_where_its_name_says(tmp_path: Path) -> None:
+    path = write_images(tmp_path / "e.zarr")
+    place = path / "calibration" / "rectification" / "tactile"
+    place.rename(place.with_name("other"))
+
+    def elsewhere(exumi: dict[str, Any]) -> None:
+        exumi["calibration"]["rectification/tactile"]["array"] = "calibration/rectification/other"
+
+    edit_metadata(path, elsewhere)
+    assert codes(path) == ["CAL-007"]
+
+
+def test_intrinsics_of_another_size_or_lens(tmp_path: Path) -> None:
+    path = write_images(tmp_path / "e.zarr")
+    name = "intrinsics/gopro"
+    assert changed(path, name, width=WIDTH + 1) == ["CAL-008"]
+    assert changed(path, name, width=WIDTH, fx=0.0) == ["CAL-008"]
+    assert changed(path, name, fx=1e-9, distortion=[0.0] * 5) == []
+    assert changed(path, name, distortion=[0.0] * 6) == ["CAL-008"]
+    assert changed(path, name, distortion=[], **{"acme:lens": "wide"}) == []
+    assert changed(path, name, lens="wide") == ["CAL-008"]
+
+
+def test_items_of_streams_that_are_not_there_are_not_judged(tmp_path: Path) -> None:
+    path = write_images(tmp_path / "e.zarr")
+
+    def other(exumi: dict[str, Any]) -> None:
+        items = exumi["calibration"]
+        items["intrinsics/width"] = {"value": 1, "method": "?"}
+        items["rectification/nobody"] = items.pop("rectification/tactile") | {"value": 1}
+
+    edit_metadata(path, other)
+    report = validate(path)
+    assert [problem.code for problem in report.problems] == []
+    skipped = {(s.code, s.reason) for s in report.coverage.skipped}
+    assert {code for code, reason in skipped if reason == "no stream of images of that name"} == {
+        "CAL-007",
+        "CAL-008",
+    }

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import TypeAdapter
 
+from exumi_data.episode import CALIBRATION_PATH
 from exumi_data.errors import DamagedDataError, ExumiError, LimitError, UnsupportedError
 from exumi_data.extensions import StreamKind, find_stream_kind
 from exumi_data.model.base import VERSION, Model
@@ -46,8 +47,6 @@ __all__ = ["CALIBRATION_PATH", "EXUMI", "ROOT", "EpisodeContext", "newer_minor",
 
 ROOT = "zarr.json"
 EXUMI = ("attributes", "exumi")
-CALIBRATION_PATH = re.compile(r"calibration(/[a-z][a-z0-9_]*)+")
-"""Paths of arrays that are too big for JSON."""
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 _DERIVED_KEY = re.compile(r"[a-z][a-z0-9_]*/[a-z][a-z0-9_]*")
 _MAX_NODE_BYTES = 1 << 20

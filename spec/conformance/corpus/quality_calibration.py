@@ -8,6 +8,7 @@ import numpy as np
 from corpus import bases
 from corpus.case import EXUMI, Case, Finding, case
 from corpus.draft import Draft
+from corpus.valid_combinations import mapped as rectified
 
 __all__ = ["calibration_cases"]
 
@@ -35,6 +36,8 @@ def calibration_cases() -> Iterator[Case]:
     at = Finding("CAL-004", ROOT, ENCODER)
     yield case("CAL-004__bare", "A calibration that fell from the sky.", draft, at)
     yield from _map_cases()
+    yield from _rectification_cases()
+    yield from _lens_cases()
 
 
 def _map_cases() -> Iterator[Case]:
@@ -58,3 +61,38 @@ def _map_cases() -> Iterator[Case]:
     yield followed("CAL-006__doubled", about, [0.0, 0.0196, 0.0392, 0.0996], 1)
     about = "Centimetres in place of metres."
     yield followed("CAL-006__centimetres", about, [0.0, 0.98, 1.96, 4.98], 1)
+
+
+def _rectification_cases() -> Iterator[Case]:
+    path = "calibration/rectification/tactile"
+    item = f"{EXUMI}/calibration/rectification~1tactile"
+    about = "A map that shows a row below the image."
+    outside = rectified()
+    index = outside.values[path].copy()
+    index[2, 3, 0] = len(index)
+    outside.put(path, index, names=("y", "x", "index"))
+    yield case("CAL-007__outside", about, outside, Finding("CAL-007", path))
+    other = rectified()
+    other.put(path, other.values[path][:8], names=("y", "x", "index"))
+    about = "A map for images of half the height."
+    yield case("CAL-007__half", about, other, Finding("CAL-007", path))
+    crop = rectified()
+    crop.metadata["calibration"]["rectification/tactile"]["value"]["crop_px"] = [17, 8]
+    about = "A crop higher than the image."
+    yield case("CAL-007__crop", about, crop, Finding("CAL-007", path))
+    scale = rectified()
+    scale.metadata["calibration"]["rectification/tactile"]["value"]["mm_per_px"] = 0.05
+    at = Finding("CAL-007", ROOT, f"{item}/value")
+    yield case("CAL-007__one_scale", "A map with one scale for two axes.", scale, at)
+
+
+def _lens_cases() -> Iterator[Case]:
+    def lens(name: str, about: str, **changes: Any) -> Case:
+        draft = rectified()
+        draft.metadata["calibration"]["intrinsics/wide"]["value"].update(changes)
+        at = Finding("CAL-008", ROOT, f"{EXUMI}/calibration/intrinsics~1wide/value")
+        return case(name, about, draft, at)
+
+    yield lens("CAL-008__other_size", "Intrinsics of the camera's full images.", width=2704)
+    yield lens("CAL-008__two_terms", "A fisheye with two coefficients.", distortion=[0.1, 0.2])
+    yield lens("CAL-008__lens", "A lens that OpenCV does not know.", model="omnidirectional")

@@ -12,7 +12,7 @@ from corpus.datasets import EGG, RICE, dataset, packed_episodes, place, split_by
 from corpus.draft import Draft
 from corpus.valid import bimanual
 
-__all__ = ["combined_cases"]
+__all__ = ["combined_cases", "mapped"]
 
 _CATALOG = "catalog.parquet"
 _SPLIT = "splits/default.json"
@@ -231,6 +231,33 @@ def known_fingers() -> Draft:
     return draft
 
 
+def mapped() -> Draft:
+    """Return a finger with the map that rectifies it, and two cameras whose lenses are known."""
+    draft = bases.tactile(calibration={})
+    items = draft.metadata["calibration"]
+    images = draft.metadata["streams"]["tactile"]["images"]
+    height, width = images["height"], images["width"]
+    index = np.stack(np.mgrid[:height, :width], axis=-1).astype(np.uint16)
+    index[:, :, 1] = index[:, ::-1, 1]  # mirrored
+    path = "calibration/rectification/tactile"
+    draft.group("calibration")
+    draft.group("calibration/rectification")
+    draft.put(path, index, names=("y", "x", "index"))
+    value = {"centre_px": [7.5, 8.0], "crop_px": [8, 12], "mm_per_px": [0.05, 0.06]}
+    how = {"unit": "px", "method": "grid of points, cubic"}
+    items["rectification/tactile"] = {"value": value, "array": path, "residual": 0.4, **how}
+    size = {"width": 16, "height": 16}
+    for name, lens in (
+        ("wide", {"model": "fisheye", "distortion": [-0.02, -0.01, 0.001, -0.0001]}),
+        ("narrow", {"model": "pinhole", "skew": 0.5}),
+    ):
+        draft.stream(name, "rgb", images=bases.images_of("encoded"))
+        bases.put_encoded(draft, name, bases.jpegs())
+        middle = {"fx": 8.0, "fy": 8.25, "cx": 7.5, "cy": 7}
+        items[f"intrinsics/{name}"] = {"value": {**lens, **size, **middle}, **how}
+    return draft
+
+
 def stamped() -> Draft:
     """Return poses stamped at the points that no other case has, of an angular gripper."""
     draft = Draft(embodiment={"name": "claw", "gripper": "angular"})
@@ -296,6 +323,7 @@ def combined_cases() -> Iterator[Case]:
     )
     yield case("images__comment", "JPEG files with a comment, of no licence.", commented())
     yield case("calibration__fingers", "Two fingers and how they look.", known_fingers())
+    yield case("calibration__images", "A rectification map, and lenses.", mapped())
     yield case("clock__stamp_points", "Stamp points, and an angular gripper.", stamped())
     yield case("tactile__grey_reference", "A grey reference, a vendor's array.", grey_reference())
     yield from _dataset_cases()

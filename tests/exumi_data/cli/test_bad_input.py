@@ -151,6 +151,10 @@ def test_options_of_prepare_that_exclude_each_other(
     target = tmp_path / "training"
     done = exumi("prepare", dataset, target, "--lossless", "--quality", "80")
     assert "exclude each other" in refused(done)
+    done = exumi("prepare", dataset, target, "--fov", "80")
+    assert "--fov goes with --rgb rectify" in refused(done)
+    done = exumi("prepare", dataset, target, "--pair-within", "0.1")
+    assert "--pair-within goes with --tactile combined" in refused(done)
     assert not target.exists()
 
 

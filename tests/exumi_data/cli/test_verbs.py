@@ -280,3 +280,22 @@ def test_prepare_makes_a_training_set(dataset: Path, tmp_path: Path) -> None:
     again = result_of("prepare", dataset, target, "--size", "32", "--gray", "--workers", "1")
     assert (again["converted"], again["skipped"], again["failed"]) == (0, 2, [])
     assert run("validate", target).exit_code == 0
+
+
+def test_prepare_combines_two_fingers_and_rectifies_cameras(tmp_path: Path) -> None:
+    played, target = tmp_path / "demo", tmp_path / "training"
+    assert run("demo", "--out", played, "--seconds", "6").exit_code == 0
+    looks = ("--tactile", "combined", "--rgb", "rectify", "--fov", "50", "--pair-within", "0.02")
+    done = run("prepare", played / "dataset", target, "--size", "48", "--workers", "1", *looks)
+    assert done.exit_code == 0, done.output
+    names = {stream["name"] for stream in result_of("info", target)["streams"]}
+    assert names == {"tactile_combined", "rgb", "pose", "width"}
+    # So short a session is active for half of its time only, before and after.
+    for root in (played / "dataset", target):
+        assert {problem["code"] for problem in result_of("validate", root)["problems"]} == {
+            "TACT-004"
+        }
+    # The refused option says what would have done.
+    alone = run("prepare", played / "dataset", tmp_path / "x", "--tactile", "both")
+    assert alone.exit_code == 2
+    assert "separate" in alone.output

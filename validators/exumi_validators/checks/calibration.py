@@ -1,12 +1,21 @@
 """Calibration: that it is there, of the time of the recording, known somehow, and was used."""
 
+import math
 from collections.abc import Iterator
 from datetime import date
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
+from pydantic import ValidationError
 
+from exumi_data.errors import ExumiError
+from exumi_data.model.base import Model
+from exumi_data.model.calibration import INTRINSICS, RECTIFICATION, Intrinsics, Rectification
 from exumi_data.model.description import CalibrationItem
-from exumi_data.model.streams import PoseStream, WidthStream, WrenchStream
+from exumi_data.model.images import Images
+from exumi_data.model.streams import PoseStream, WidthStream, WrenchStream, images_of
+from exumi_data.tactile.rectification import PixelMap
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext
 from exumi_validators.document_rules import is_real_date
 from exumi_validators.findings import problem
@@ -15,9 +24,20 @@ from exumi_validators.registry import Finding, check
 from exumi_validators.report import Problem, Skipped
 from exumi_validators.series import read_series
 
-__all__ = ["dated", "explained", "followed", "mapped", "transforms"]
+__all__ = [
+    "dated",
+    "explained",
+    "followed",
+    "intrinsics",
+    "mapped",
+    "rectification",
+    "transforms",
+]
 
 _DAY = len("2026-01-01")
+_MOST_MAP_BYTES = 64 << 20
+
+M = TypeVar("M", bound=Model)
 
 
 @check("CAL-002")
@@ -133,3 +153,86 @@ def _off_the_map(
         )
     elif not judged:
         yield Skipped("CAL-006", "no raw value lies on the calibration's map", path)
+
+
+@check("CAL-007")
+def rectification(episode: EpisodeContext) -> Iterator[Finding]:
+    """Judge that the maps by which tactile frames are rectified fit them."""
+    for pointer, item in episode.parts(CalibrationItem, "calibration"):
+        name = str(pointer[-1])
+        if not name.startswith(RECTIFICATION):
+            continue
+        images = _images(episode, name.removeprefix(RECTIFICATION))
+        if images is None:
+            yield Skipped("CAL-007", "no stream of images of that name", ROOT)
+            continue
+        value, mistake = _value(episode, item.value, Rectification)
+        if value is None:
+            yield problem("CAL-007", ROOT, pointer=(*pointer, "value"), detail=mistake)
+            continue
+        path = f"calibration/{name}"
+        if item.array != path:
+            detail = f"`array` is not {path}"
+            yield problem("CAL-007", ROOT, pointer=pointer, detail=detail)
+            continue
+        found = _map(episode, path, (images.height, images.width, 2))
+        if isinstance(found, str):
+            yield problem("CAL-007", path, detail=found)
+        elif found is not None:
+            try:
+                PixelMap(found, (*value.centre_px,), (*value.crop_px,))  # type: ignore[arg-type]  # two each, by the model
+            except ValueError as error:
+                yield problem("CAL-007", path, detail=str(error))
+
+
+def _map(
+    episode: EpisodeContext, path: str, shape: tuple[int, ...]
+) -> npt.NDArray[np.uint16] | str | None:
+    """Return a map, or what is wrong with it; None where it cannot be read: other rules say why."""
+    reader = episode.reader(path) if path in episode.expected_arrays else None
+    if reader is None:
+        return None
+    if reader.shape != shape or reader.dtype != np.uint16:
+        return f"it is {reader.shape} {reader.dtype}, not {shape} uint16"
+    if math.prod(shape) * 2 > _MOST_MAP_BYTES:
+        return None
+    try:
+        return np.asarray(reader.rows(0, shape[0]), np.uint16)
+    except (ExumiError, OSError):
+        return None
+
+
+@check("CAL-008")
+def intrinsics(episode: EpisodeContext) -> Iterator[Finding]:
+    """Judge that intrinsics are whole, and for images of the size that is stored."""
+    for pointer, item in episode.parts(CalibrationItem, "calibration"):
+        name = str(pointer[-1])
+        if not name.startswith(INTRINSICS):
+            continue
+        images = _images(episode, name.removeprefix(INTRINSICS))
+        if images is None:
+            yield Skipped("CAL-008", "no stream of images of that name", ROOT)
+            continue
+        value, mistake = _value(episode, item.value, Intrinsics)
+        if value is not None and (value.width, value.height) != (images.width, images.height):
+            mistake = (
+                f"they are for {value.width}x{value.height} pixels, the images have "
+                f"{images.width}x{images.height}"
+            )
+        if mistake:
+            yield problem("CAL-008", ROOT, pointer=(*pointer, "value"), detail=mistake)
+
+
+def _images(episode: EpisodeContext, stream: str) -> Images | None:
+    model = episode.streams.get(stream)
+    return None if model is None else images_of(model)
+
+
+def _value(episode: EpisodeContext, value: object, model: type[M]) -> tuple[M | None, str]:
+    """Return the value of an item, or what is wrong with it."""
+    try:
+        return model.model_validate(value, context={"newer_minor": episode.newer}), ""
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        return None, f"{place}: {first['msg']}" if place else str(first["msg"])

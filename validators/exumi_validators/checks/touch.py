@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from exumi_data.model.calibration import RIG_REFERENCE
 from exumi_data.model.description import CalibrationItem
 from exumi_data.model.streams import TactileStream
 from exumi_data.tactile import thumbnail, to_grey
@@ -26,7 +27,6 @@ from exumi_validators.touch_measures import (
 from exumi_validators.touch_pass import image_of, stored_rows
 
 __all__ = [
-    "RIG_REFERENCE",
     "active_share",
     "dark",
     "reference_fits",
@@ -35,9 +35,6 @@ __all__ = [
     "swapped",
     "wrapped",
 ]
-
-RIG_REFERENCE = "tactile_reference/"
-"""A calibration item of this name and a stream's holds the image of the rig's own finger."""
 
 _REGIME_RULES = {"play": ("TACT-004", "TACT-013"), "demonstration": ("TACT-005",)}
 _FEWEST = 3
