@@ -11,6 +11,7 @@ from exumi_data.errors import MissingExtraError
 if TYPE_CHECKING:
     from exumi_loaders.active_sampler import ActiveWindowSampler
     from exumi_loaders.clips import Clip, Clips
+    from exumi_loaders.concat import ConcatWindows
     from exumi_loaders.contrastive import BatchOrder, ContrastiveBatches
     from exumi_loaders.contrastive_loss import InfoNCE, info_nce
     from exumi_loaders.device.blur import Blur
@@ -45,6 +46,7 @@ __all__ = [
     "Clip",
     "Clips",
     "ColourJitter",
+    "ConcatWindows",
     "ContrastiveBatches",
     "DecodeJpeg",
     "Embedding",
@@ -88,6 +90,7 @@ _HOME = {
     "Clip": "clips",
     "Clips": "clips",
     "ColourJitter": "device.colour",
+    "ConcatWindows": "concat",
     "ContrastiveBatches": "contrastive",
     "DecodeJpeg": "device.jpeg",
     "Embedding": "retrieval.building",
