@@ -11,6 +11,10 @@ from exumi_data.errors import MissingExtraError
 if TYPE_CHECKING:
     from exumi_loaders.active_sampler import ActiveWindowSampler
     from exumi_loaders.concat import ConcatWindows
+    from exumi_loaders.normaliser import Normaliser
+    from exumi_loaders.policy import PolicyWindows
+    from exumi_loaders.policy_spec import PolicySpec
+    from exumi_loaders.policy_stream import LateStreamError, PolicyStream
     from exumi_loaders.representation import TactileRepresentation
     from exumi_loaders.sampler import WindowIndex, WindowSampler
     from exumi_loaders.timeline import Timeline, TimelineSettings, build_timeline
@@ -19,6 +23,11 @@ if TYPE_CHECKING:
 __all__ = [
     "ActiveWindowSampler",
     "ConcatWindows",
+    "LateStreamError",
+    "Normaliser",
+    "PolicySpec",
+    "PolicyStream",
+    "PolicyWindows",
     "TPPWindows",
     "TactileRepresentation",
     "Timeline",
@@ -31,6 +40,11 @@ __all__ = [
 _HOME = {
     "ActiveWindowSampler": "active_sampler",
     "ConcatWindows": "concat",
+    "LateStreamError": "policy_stream",
+    "Normaliser": "normaliser",
+    "PolicySpec": "policy_spec",
+    "PolicyStream": "policy_stream",
+    "PolicyWindows": "policy",
     "TPPWindows": "tpp",
     "TactileRepresentation": "representation",
     "Timeline": "timeline",
