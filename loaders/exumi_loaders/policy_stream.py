@@ -4,27 +4,27 @@ import threading
 from collections import OrderedDict
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from exumi_data.episode import Episode
 from exumi_data.errors import DamagedDataError, ExumiError, UsageError
-from exumi_data.geometry import compose, rotation_from_6d
 from exumi_data.model import EpisodeMetadata
 from exumi_data.store import jpeg
 from exumi_data.ticks import tick_times_ns
 from exumi_loaders.at_hand import at_hand, first_instant_ns, observation_times_ns
 from exumi_loaders.buffers import BatchBuffers
+from exumi_loaders.live_samples import checked_references, checked_sample
 from exumi_loaders.observation import base_poses, put_proprioception
 from exumi_loaders.options import one_of
-from exumi_loaders.policy_spec import PolicySpec, PolicyStreamSpec, check_rig
+from exumi_loaders.policy_spec import PolicySpec, check_rig
 from exumi_loaders.sample_buffer import Sample, SampleBuffer
-from exumi_loaders.window_frames import as_channels
+from exumi_loaders.targets import Targets, targets_of
 from exumi_loaders.windows import Item
 
-__all__ = ["LateStreamError", "PolicyStream", "StreamCounts", "Targets"]
+__all__ = ["LateStreamError", "PolicyStream", "StreamCounts"]
 
 _MOST_SAMPLES = 8192
 _REMEMBERED = 64
@@ -53,25 +53,6 @@ class StreamCounts:
     late: int = 0
     dropped: int = 0
     damaged: int = 0
-
-
-@dataclass(frozen=True)
-class Targets:
-    """Where the grippers are to be, and when.
-
-    Attributes
-    ----------
-    time_ns : (A,) int64
-        On the clock of the samples.
-    pose : dict of str to (A, 7) float64
-        Of each pose stream: x y z qx qy qz qw in its parent frame, metres.
-    width : dict of str to (A,) float64
-        Of each width stream, metres.
-    """
-
-    time_ns: np.ndarray
-    pose: dict[str, np.ndarray]
-    width: dict[str, np.ndarray]
 
 
 class PolicyStream:
@@ -137,7 +118,7 @@ class PolicyStream:
         check_rig(spec, rig, accept)
         self.spec = spec
         self._items = spec.observation
-        self._references = _check_references(spec, references or {})
+        self._references = checked_references(spec, references or {})
         self._on_stale = on_stale
         self._slack_ns = round(slack_s * 1e9)
         self._most_bytes = most_bytes
@@ -182,7 +163,7 @@ class PolicyStream:
         time_ns = int(time_ns)
         if abs(time_ns) >= _TIME_LIMIT_NS:
             raise UsageError(f"{stream}: the time {time_ns} ns is not within ±2**62 ns")
-        value = _checked(stream, self.spec.streams[stream], sample)
+        value = checked_sample(stream, self.spec.streams[stream], sample)
         with self._lock:
             buffer, counts = self._buffers[stream], self.counts[stream]
             latest = self._latest_ns
@@ -340,8 +321,6 @@ class PolicyStream:
         LateStreamError
             The pose was stale in that observation.
         """
-        spec = self.spec
-        numbers = _as_action(action, (len(spec.action_steps), len(spec.action_columns)))
         at_ns = int(at_ns)
         with self._lock:
             if at_ns not in self._bases:
@@ -349,100 +328,12 @@ class PolicyStream:
                     f"there was no observation at {at_ns} ns, or more than {_REMEMBERED} ago"
                 )
             base = self._bases[at_ns]
-        late = [name for name in spec.pose if base is not None and name not in base]
+        late = [name for name in self.spec.pose if base is not None and name not in base]
         if late:
             raise LateStreamError(
                 f"{', '.join(late)} was stale at {at_ns} ns: an action relative to it says nothing"
             )
-        pose, width, column = {}, {}, 0
-        for pose_name, width_name in spec.layout.grippers:
-            if pose_name is not None:
-                moved = _as_poses(numbers[:, column : column + 9])
-                pose[pose_name] = moved if base is None else compose(base[pose_name], moved)
-                column += 9
-            if width_name is not None:
-                width[width_name] = numbers[:, column].copy()
-                column += 1
-        time = at_ns + tick_times_ns(np.array(spec.action_steps), spec.tick)
-        return Targets(time, pose, width)
-
-
-def _check_references(
-    spec: PolicySpec, references: Mapping[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    wanted = [name for name, stream in spec.streams.items() if stream.reference]
-    if set(references) != set(wanted):
-        raise UsageError(
-            f"references of {', '.join(references) or 'no stream'}, expected of "
-            f"{', '.join(wanted) or 'none'}",
-            fix="Take an image of each gel without contact before the policy starts.",
-        )
-    return {name: _frame(name, spec.streams[name], references[name]) for name in wanted}
-
-
-def _checked(name: str, stream: PolicyStreamSpec, sample: Any) -> bytes | np.ndarray | None:
-    """Return a sample as it is kept (None: a damaged frame), or refuse it."""
-    if stream.kind in ("pose", "width"):
-        return _numbers(name, stream.kind, sample)
-    if isinstance(sample, bytes | bytearray | memoryview):
-        return _jpeg(name, stream, bytes(sample))
-    return _frame(name, stream, np.asarray(sample))
-
-
-def _numbers(name: str, kind: str, sample: Any) -> np.ndarray:
-    # Types as in a recorded window: a width is float32 there.
-    values = np.array(sample, dtype=np.float64 if kind == "pose" else np.float32)
-    expected = (7,) if kind == "pose" else ()
-    if values.shape != expected:
-        raise UsageError(f"{name}: a {kind} of shape {values.shape}, expected {expected}")
-    if not np.isfinite(values).all() or (kind == "pose" and not np.linalg.norm(values[3:]) > 1e-6):
-        raise UsageError(f"{name}: {values.tolist()} is no {kind}")
-    return values
-
-
-def _jpeg(name: str, stream: PolicyStreamSpec, data: bytes) -> bytes | None:
-    try:
-        height, width, channels = jpeg.size_of(data)
-    except DamagedDataError:
-        return None  # a frame that was cut short on its way is no reason to stop
-    if (height, width) != stream.shape[:2] or channels < stream.given[2]:
-        raise _other_size(name, stream, (height, width, channels))
-    return data
-
-
-def _frame(name: str, stream: PolicyStreamSpec, frame: np.ndarray) -> np.ndarray:
-    if frame.dtype != np.uint8:
-        raise UsageError(f"{name}: a frame of {frame.dtype}, expected uint8")
-    if frame.shape not in (stream.shape, stream.given):
-        raise _other_size(name, stream, frame.shape)
-    return np.array(as_channels(frame, stream.given[2]))
-
-
-def _other_size(name: str, stream: PolicyStreamSpec, found: Iterable[int]) -> UsageError:
-    return UsageError(
-        f"{name}: a frame of {tuple(found)} (height, width, channels), the policy was trained on "
-        f"{stream.shape}",
-        fix="Make live frames in the way that those of the dataset were made.",
-    )
-
-
-def _as_action(action: Any, shape: tuple[int, int]) -> np.ndarray:
-    if hasattr(action, "detach"):
-        action = action.detach().cpu().numpy()
-    numbers = np.asarray(action, dtype=np.float64)
-    if numbers.shape != shape:
-        raise UsageError(f"an action of shape {numbers.shape}, expected {shape}")
-    if not np.isfinite(numbers).all():
-        raise UsageError("the action has numbers that are not finite")
-    return numbers
-
-
-def _as_poses(columns: np.ndarray) -> np.ndarray:
-    try:
-        rotation = rotation_from_6d(columns[:, 3:])
-    except ValueError as error:
-        raise UsageError(f"the action has a rotation that is none ({error})") from None
-    return np.concatenate((columns[:, :3], rotation), axis=1)
+        return targets_of(self.spec, action, base, at_ns)
 
 
 def _in_ms(latency: Mapping[str, int], names: Iterable[str]) -> str:
