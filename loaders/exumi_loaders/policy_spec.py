@@ -5,7 +5,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 
 from exumi_data.episode import Episode
 from exumi_data.errors import UsageError
@@ -50,6 +50,14 @@ class PolicyStreamSpec(Model):
     calibrations: tuple[Sha256 | Literal[""], ...] = ()
     """Digests of its calibration, of all rigs that recorded it; empty: none is stated."""
 
+    @model_validator(mode="after")
+    def _images_have_a_size(self) -> "PolicyStreamSpec":
+        size = (self.height, self.width, self.channels)
+        if (self.kind in ("tactile", "rgb")) != all(size):
+            msg = f"a stream of kind {self.kind} with frames of {size}"
+            raise ValueError(msg)
+        return self
+
     @property
     def shape(self) -> tuple[int, int, int]:
         """(H, W, C) of a frame as it is stored."""
@@ -92,6 +100,23 @@ class PolicySpec(Model):
     """Digest of the episodes that the windows are of."""
     split: str | None = None
     """The split and list that these episodes are."""
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> "PolicySpec":
+        kinds = ("tactile", "rgb", "pose", "width")
+        named = [(name, kind) for kind in kinds for name in getattr(self, kind)]
+        if sorted(named) != sorted((name, stream.kind) for name, stream in self.streams.items()):
+            msg = "the streams are not those that are named by kind"
+            raise ValueError(msg)
+        for name in ("observation_steps", "action_steps"):
+            steps = getattr(self, name)
+            if not steps or list(steps) != sorted(set(steps)):
+                msg = f"{name} are not ascending"
+                raise ValueError(msg)
+        if self.observation_steps[-1] != 0:
+            msg = "the last observation is not at step 0"
+            raise ValueError(msg)
+        return self
 
     @property
     def tick(self) -> Fraction:

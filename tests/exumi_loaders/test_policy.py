@@ -1,5 +1,7 @@
 """Policy windows against what can be worked out by hand."""
 
+import copy
+import json
 from fractions import Fraction
 from typing import Any
 
@@ -9,7 +11,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 import exumi_data
-from exumi_data.errors import UsageError
+from exumi_data.errors import MetadataError, UsageError
 from exumi_data.geometry import compose, relative, rotation_6d
 from exumi_loaders import ActiveWindowSampler, ConcatWindows, PolicySpec, PolicyWindows
 from tests.exumi_loaders.conftest import smooth_poses, width_m
@@ -267,6 +269,36 @@ def test_the_spec_is_a_document(make_dataset: Any, recipe: Any, tmp_path: Any) -
         windows.policy_spec.action = "absolute"  # type: ignore[misc]  # that is the point
     with pytest.raises(UsageError, match="no part of"):
         windows.policy_spec.save(tmp_path / "set" / "runs" / "spec.json")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"observation_steps": [0, -1]},
+        {"observation_steps": [-2, -1]},
+        {"action_steps": []},
+        {"rgb": []},
+        {"tick_s": "0.05"},
+        {"action": "delta"},
+        {"version": "1.0", "unknown": 1},
+    ],
+)
+def test_other_documents_are_refused(
+    make_dataset: Any, recipe: Any, tmp_path: Any, change: dict[str, Any]
+) -> None:
+    file = tmp_path / "spec.json"
+    open_windows(make_dataset(full(recipe))).policy_spec.save(file)
+    file.write_text(json.dumps({**json.loads(file.read_text()), **change}))
+    with pytest.raises(MetadataError):
+        PolicySpec.load(file)
+
+
+def test_windows_go_to_workers(make_dataset: Any, recipe: Any) -> None:
+    windows = open_windows(make_dataset(full(recipe)))
+    windows[0]
+    sent = copy.deepcopy(windows)  # by the same means as to a worker
+    for name, value in windows[9].items():
+        assert torch.equal(sent[9][name], value)
 
 
 def test_a_cached_timeline_gives_the_same(make_dataset: Any, recipe: Any, tmp_path: Any) -> None:
