@@ -419,7 +419,10 @@ def _print_scores(scores: "list[Score]", output: Format) -> None:
         ("in first five", "right"),
     )
     for score in scores:
-        shares = (f"{s.value:.1%} ({s.low * 100:.0f} to {s.high * 100:.0f})" for s in (score.first, score.five))
+        shares = (
+            f"{s.value:.1%} ({s.low * 100:.0f} to {s.high * 100:.0f})"
+            for s in (score.first, score.five)
+        )
         counts = (f"{count:,}" for count in (score.queries, score.groups, score.known))
         table.add_row(score.by, score.ranking, *counts, *shares)
     print_table(table, result_console())

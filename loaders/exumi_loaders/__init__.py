@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from exumi_loaders.device.size import CentreCrop, PadToSquare, RandomCrop, Resize
     from exumi_loaders.device.to_float import ToFloat
     from exumi_loaders.instructions import InstructionSamples
+    from exumi_loaders.normaliser import Normaliser
+    from exumi_loaders.policy import PolicyWindows
+    from exumi_loaders.policy_spec import PolicySpec
+    from exumi_loaders.policy_stream import LateStreamError, PolicyStream
     from exumi_loaders.properties import PropertyWindows
     from exumi_loaders.representation import TactileRepresentation
     from exumi_loaders.retrieval.building import Embedding, encode_clips
@@ -53,11 +57,16 @@ __all__ = [
     "Entry",
     "InfoNCE",
     "InstructionSamples",
+    "LateStreamError",
     "Match",
     "Mirror",
     "NormaliseSensor",
+    "Normaliser",
     "OctopiImages",
     "PadToSquare",
+    "PolicySpec",
+    "PolicyStream",
+    "PolicyWindows",
     "PropertyWindows",
     "RandomCrop",
     "Resize",
@@ -97,11 +106,16 @@ _HOME = {
     "Entry": "retrieval.entries",
     "InfoNCE": "contrastive_loss",
     "InstructionSamples": "instructions",
+    "LateStreamError": "policy_stream",
     "Match": "retrieval.matches",
     "Mirror": "device.mirror",
     "NormaliseSensor": "device.octopi",
+    "Normaliser": "normaliser",
     "OctopiImages": "device.octopi",
     "PadToSquare": "device.size",
+    "PolicySpec": "policy_spec",
+    "PolicyStream": "policy_stream",
+    "PolicyWindows": "policy",
     "PropertyWindows": "properties",
     "RandomCrop": "device.size",
     "Resize": "device.size",

@@ -1,15 +1,19 @@
 """Relative actions from the common timeline."""
 
+from collections.abc import Iterable, Mapping
+
 import numpy as np
 
 from exumi_data.geometry import axis_angle_to_quaternion, compose, relative, rotation_6d
-from exumi_loaders.layout import Layout
+from exumi_loaders.layout import Gripper, Layout
 from exumi_loaders.timeline import Timeline
 
 __all__ = [
     "action_columns",
     "between_columns",
     "between_grippers",
+    "between_poses",
+    "motion_columns",
     "relative_actions",
     "relative_to_start",
 ]
@@ -47,6 +51,36 @@ def between_columns(layout: Layout) -> tuple[str, ...]:
     return tuple(f"{pose}.{column}" for pose in layout.pose[1:] for column in _POSE_COLUMNS)
 
 
+def motion_columns(
+    grippers: Iterable[Gripper],
+    values: Mapping[str, np.ndarray],
+    base: Mapping[str, np.ndarray] | None,
+) -> np.ndarray:
+    """Write poses and widths as the columns of an action.
+
+    Parameters
+    ----------
+    grippers : iterable of Gripper
+    values : mapping of str to (..., S, 7) float64 or (..., S)
+        Of each stream: poses, or widths in metres.
+    base : mapping of str to (..., 1, 7) float64, optional
+        Of each pose stream the pose that its poses are relative to; None leaves them as they are,
+        in their parent frame.
+
+    Returns
+    -------
+    (..., S, A) float32
+        Columns as in `action_columns`.
+    """
+    columns: list[np.ndarray] = []
+    for pose, width in grippers:
+        if pose is not None:
+            columns += _nine(None if base is None else base[pose], values[pose])
+        if width is not None:
+            columns.append(values[width][..., None])
+    return np.concatenate(columns, axis=-1, dtype=np.float32)
+
+
 def relative_actions(
     timeline: Timeline, ticks: np.ndarray, *, zero: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -68,18 +102,12 @@ def relative_actions(
     valid : (B, S) bool
         Whether all poses and widths are measured there (and, for poses, at step 0).
     """
-    columns: list[np.ndarray] = []
-    valid = np.ones(ticks.shape, dtype=bool)
-    for pose, width in timeline.layout.grippers:
-        if pose is not None:
-            poses = np.asarray(timeline.low[pose])[ticks]
-            columns += _nine(poses[:, zero : zero + 1], poses)
-            good = timeline.valid[pose][ticks]
-            valid &= good & good[:, zero : zero + 1]
-        if width is not None:
-            columns.append(np.asarray(timeline.low[width])[ticks][..., None])
-            valid &= timeline.valid[width][ticks]
-    return np.concatenate(columns, axis=-1, dtype=np.float32), valid
+    layout = timeline.layout
+    values, valid = timeline.motion(ticks)
+    base = {name: values[name][:, zero : zero + 1] for name in layout.pose}
+    for name in layout.pose:
+        valid &= timeline.valid[name][ticks[:, zero : zero + 1]]
+    return motion_columns(layout.grippers, values, base), valid
 
 
 def between_grippers(
@@ -106,11 +134,26 @@ def between_grippers(
     first, *others = timeline.layout.pose
     base = np.asarray(timeline.low[first])[ticks[:, zero : zero + 1]]
     valid = np.repeat(timeline.valid[first][ticks[:, zero : zero + 1]], ticks.shape[1], axis=1)
-    columns: list[np.ndarray] = []
     for name in others:
-        columns += _nine(base, np.asarray(timeline.low[name])[ticks])
         valid &= timeline.valid[name][ticks]
-    return np.concatenate(columns, axis=-1, dtype=np.float32), valid
+    return between_poses(base, [np.asarray(timeline.low[name])[ticks] for name in others]), valid
+
+
+def between_poses(base: np.ndarray, others: Iterable[np.ndarray]) -> np.ndarray:
+    """Express poses of other grippers in the frame of one.
+
+    Parameters
+    ----------
+    base : (..., 1, 7) float64
+    others : iterable of (..., S, 7) float64
+
+    Returns
+    -------
+    (..., S, 9·(G−1)) float32
+        Columns as in `between_columns`.
+    """
+    columns = [part for poses in others for part in _nine(base, poses)]
+    return np.concatenate(columns, axis=-1, dtype=np.float32)
 
 
 def relative_to_start(
@@ -138,26 +181,20 @@ def relative_to_start(
         Whether all of it is measured there, and the poses at the start.
     """
     layout = timeline.layout
-    columns: list[np.ndarray] = []
-    valid = np.ones(ticks.shape, dtype=bool)
-    for pose, width in layout.grippers:
-        if pose is not None:
-            low = np.asarray(timeline.low[pose])
-            error = noise[:, layout.pose.index(pose)]
-            turned = np.concatenate(
-                (np.zeros_like(error[:, :3]), axis_angle_to_quaternion(error[:, 3:])), axis=1
-            )
-            base = compose(low[start], turned)
-            base[:, :3] += error[:, :3]
-            columns += _nine(base[:, None], low[ticks])
-            valid &= timeline.valid[pose][ticks] & timeline.valid[pose][start][:, None]
-        if width is not None:
-            columns.append(np.asarray(timeline.low[width])[ticks][..., None])
-            valid &= timeline.valid[width][ticks]
-    return np.concatenate(columns, axis=-1, dtype=np.float32), valid
+    values, valid = timeline.motion(ticks)
+    base: dict[str, np.ndarray] = {}
+    for name, error in zip(layout.pose, np.moveaxis(noise, 1, 0), strict=True):
+        turned = np.concatenate(
+            (np.zeros_like(error[:, :3]), axis_angle_to_quaternion(error[:, 3:])), axis=1
+        )
+        noisy = compose(np.asarray(timeline.low[name])[start], turned)
+        noisy[:, :3] += error[:, :3]
+        base[name] = noisy[:, None]
+        valid &= timeline.valid[name][start][:, None]
+    return motion_columns(layout.grippers, values, base), valid
 
 
-def _nine(base: np.ndarray, poses: np.ndarray) -> list[np.ndarray]:
-    """Return poses relative to a base: position (..., 3) and two rows of the rotation (..., 6)."""
-    moved = relative(base, poses)
+def _nine(base: np.ndarray | None, poses: np.ndarray) -> list[np.ndarray]:
+    """Return position (..., 3) and two rows of the rotation (..., 6), relative to a base if any."""
+    moved = poses if base is None else relative(base, poses)
     return [moved[..., :3], rotation_6d(moved[..., 3:])]

@@ -35,6 +35,11 @@ class Layout:
         Whether each tactile stream has a reference image in all episodes.
     children : dict of str to str
         The child frame of each pose stream: relative actions are in it.
+    parents : dict of str to dict of str to str
+        Of each pose stream every parent frame that it has, and the first episode that has it.
+    calibrations : dict of str to dict of str to str
+        Of each pose and image stream every digest of its calibration (`calibration_digest`), and
+        the first episode that has it. Poses whose digests differ may have other tool frames.
     common_parent : bool
         Whether all pose streams of an episode have the same parent frame, in every episode.
     """
@@ -46,6 +51,8 @@ class Layout:
     shapes: dict[str, tuple[int, int, int]] = field(default_factory=dict)
     references: dict[str, bool] = field(default_factory=dict)
     children: dict[str, str] = field(default_factory=dict)
+    parents: dict[str, dict[str, str]] = field(default_factory=dict)
+    calibrations: dict[str, dict[str, str]] = field(default_factory=dict)
     common_parent: bool = True
 
     @property

@@ -5,7 +5,7 @@ whether each of these is valid. All episodes lie end to end in flat arrays, whic
 user's cache folder, keyed by the catalog's content and the settings.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,8 @@ from exumi_data.geometry import interpolate_linear, interpolate_poses
 from exumi_data.tactile.activity import ACTIVE_THRESHOLD
 from exumi_data.ticks import DEFAULT_TICK_S, image_tolerance_ns, max_gap_ns, tick_times_ns
 from exumi_data.time import nearest_indices
+from exumi_loaders.at_hand import Observed, at_hand, first_instant_ns, observation_times_ns
+from exumi_loaders.calibration import calibration_digest
 from exumi_loaders.layout import Layout
 from exumi_loaders.timeline_cache import cache_key, load_timeline, save_timeline
 
@@ -50,6 +52,8 @@ class TimelineSettings:
         them makes the window active (`Timeline.active_all`).
     future_steps : tuple of int
         The steps whose frames make a window active by `Timeline.active_future`.
+    observed : Observed or None
+        What a policy has at hand at each tick, with which latencies; None does not compute it.
     """
 
     tick_s: Fraction = DEFAULT_TICK_S
@@ -58,6 +62,7 @@ class TimelineSettings:
     active_above: float | None = None
     span: tuple[int, int] = (-15, 16)
     future_steps: tuple[int, ...] = (4, 8, 12, 16)
+    observed: Observed | None = None
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -96,19 +101,30 @@ class TimelineSettings:
 
 
 @dataclass(frozen=True)
+class _Seen:
+    """What is at hand at each tick of an episode; see `Timeline`."""
+
+    frame: dict[str, np.ndarray] = field(default_factory=dict)
+    low: dict[str, np.ndarray] = field(default_factory=dict)
+    valid: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class _EpisodeTimeline:
     start_ns: int
     ticks: int
     frame: dict[str, np.ndarray]
     low: dict[str, np.ndarray]
     valid: dict[str, np.ndarray]
+    seen: _Seen
     active_all: np.ndarray | None
     active_future: np.ndarray | None
     shapes: dict[str, tuple[int, int, int]]
     references: dict[str, bool]
     encodings: dict[str, str]
     children: dict[str, str]
-    common_parent: bool
+    parents: dict[str, str]
+    calibrations: dict[str, str]
     root: np.ndarray
 
 
@@ -136,6 +152,14 @@ class Timeline:
     roots : (E, 32) uint8
         SHA-256 of each episode's root document, as it was read for the timeline: another one
         belongs to another revision.
+    seen_frame : dict of str to (T, n) int32
+        Of each image stream the newest frame at hand at each of the n observed steps of a window
+        around each tick; -1 where it is stale. Empty unless ``settings.observed`` is given, as
+        are the next two.
+    seen_low : dict of str to (T, n, 7) float64 or (T, n) float32
+        Of each pose and width stream the newest sample at hand.
+    seen_valid : dict of str to (T, n) bool
+        Whether `seen_low` is not stale.
     """
 
     layout: Layout
@@ -149,11 +173,34 @@ class Timeline:
     active_future: np.ndarray | None
     encodings: dict[str, str]
     roots: np.ndarray
+    seen_frame: dict[str, np.ndarray] = field(default_factory=dict)
+    seen_low: dict[str, np.ndarray] = field(default_factory=dict)
+    seen_valid: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def ticks(self) -> int:
         """Number of ticks in all episodes."""
         return int(self.edges[-1])
+
+    def motion(self, ticks: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Return all poses and widths at some ticks.
+
+        Parameters
+        ----------
+        ticks : (B, S) int64
+            Flat ticks.
+
+        Returns
+        -------
+        values : dict of str to (B, S, 7) float64 or (B, S) float32
+        valid : (B, S) bool
+            Whether all of them are measured there.
+        """
+        values = {name: np.asarray(self.low[name])[ticks] for name in self.layout.low}
+        valid = np.ones(ticks.shape, dtype=bool)
+        for name in self.layout.low:
+            valid &= self.valid[name][ticks]
+        return values, valid
 
     def tick_offset_ns(self, tick: np.ndarray) -> np.ndarray:
         """Return how long after its episode's first tick each tick lies.
@@ -179,7 +226,7 @@ def _episode_timeline(path: str, *, layout: Layout, settings: TimelineSettings) 
 def _compute(episode: Episode, layout: Layout, settings: TimelineSettings) -> _EpisodeTimeline:
     streams = {name: episode[name] for name in layout.streams}
     times = {name: stream.time for name, stream in streams.items()}
-    start, ticks = _span(times, settings.tick_s)
+    start, ticks = _span(times, settings)
     at = start + tick_times_ns(np.arange(ticks), settings.tick_s)
     frame = {
         name: nearest_indices(times[name], at, settings.tolerance_ns(times[name]))
@@ -197,12 +244,14 @@ def _compute(episode: Episode, layout: Layout, settings: TimelineSettings) -> _E
         frame,
         low,
         valid,
+        _seen(streams, times, at, settings),
         *active,
         {name: _shape(streams[name]) for name in layout.images},
         {name: "reference" in streams[name].metadata.arrays for name in layout.tactile},
         {name: streams[name].metadata.images.encoding for name in layout.images},  # type: ignore[attr-defined]  # image kinds
         {name: pair.child for name, pair in frames.items()},
-        len({pair.parent for pair in frames.values()}) <= 1,
+        {name: pair.parent for name, pair in frames.items()},
+        {name: calibration_digest(episode, name) for name in layout.images + layout.pose},
         np.frombuffer(bytes.fromhex(episode.root_sha256), dtype=np.uint8),
     )
 
@@ -212,15 +261,43 @@ def _shape(stream: StreamView) -> tuple[int, int, int]:
     return (images.height, images.width, images.channels)
 
 
-def _span(times: dict[str, np.ndarray], tick_s: Fraction) -> tuple[int, int]:
-    """Return first tick and number of ticks: where all streams overlap."""
+def _span(times: dict[str, np.ndarray], settings: TimelineSettings) -> tuple[int, int]:
+    """Return first tick and number of ticks: where all streams overlap, and are at hand."""
     if any(len(time) == 0 for time in times.values()):
         return 0, 0
-    start = max(int(time[0]) for time in times.values())
+    latency = dict.fromkeys(times, 0)
+    if settings.observed is not None:
+        latency |= settings.observed.latency_ns
+    start = first_instant_ns({name: int(time[0]) for name, time in times.items()}, latency)
     end = min(int(time[-1]) for time in times.values())
     if end < start:
         return 0, 0
-    return start, int(Fraction(end - start, 1_000_000_000) / tick_s) + 1
+    return start, int(Fraction(end - start, 1_000_000_000) / settings.tick_s) + 1
+
+
+def _seen(
+    streams: dict[str, StreamView],
+    times: dict[str, np.ndarray],
+    at: np.ndarray,
+    settings: TimelineSettings,
+) -> _Seen:
+    """Return what is at hand at the observed steps around each tick."""
+    seen, observed = _Seen(), settings.observed
+    if observed is None:
+        return seen
+    start = int(at[0]) if len(at) else 0
+    wanted, _ = observation_times_ns(at, observed.steps, settings.tick_s, start)
+    for name, stream in streams.items():
+        index, fresh = at_hand(
+            times[name], wanted, observed.latency_ns[name], observed.stale_ns[name]
+        )
+        if stream.is_image:
+            seen.frame[name] = np.where(fresh, index, -1).astype(np.int32)
+        else:
+            dtype = np.float64 if stream.kind == "pose" else np.float32
+            seen.low[name] = stream.data[index].astype(dtype)
+            seen.valid[name] = fresh
+    return seen
 
 
 def _low_dimensional(
@@ -371,7 +448,9 @@ def _join(
             shapes=first.shapes,
             references=references,
             children=first.children,
-            common_parent=all(part.common_parent for part in parts),
+            parents=_first_with(dataset, [part.parents for part in parts]),
+            calibrations=_first_with(dataset, [part.calibrations for part in parts]),
+            common_parent=all(len(set(part.parents.values())) <= 1 for part in parts),
         ),
         settings,
         np.concatenate(([0], np.cumsum([part.ticks for part in parts]))).astype(np.int64),
@@ -383,4 +462,21 @@ def _join(
         joined([part.active_future for part in parts]),
         encodings,
         np.stack([part.root for part in parts]),
+        *(
+            {name: np.concatenate([seen[name] for seen in group]) for name in group[0]}
+            for group in (
+                [part.seen.frame for part in parts],
+                [part.seen.low for part in parts],
+                [part.seen.valid for part in parts],
+            )
+        ),
     )
+
+
+def _first_with(dataset: Dataset, parts: list[dict[str, str]]) -> dict[str, dict[str, str]]:
+    """Return of each stream every value that it has, and the first episode that has it."""
+    found: dict[str, dict[str, str]] = {name: {} for name in parts[0]}
+    for episode_id, part in zip(dataset.ids, parts, strict=True):
+        for name, value in part.items():
+            found[name].setdefault(value, episode_id)
+    return found

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["cache_key", "default_cache", "load_timeline", "save_timeline"]
 
-_VERSION = 2
-_GROUPS = ("frame", "low", "valid")
+_VERSION = 3
+_GROUPS = ("frame", "low", "valid", "seen_frame", "seen_low", "seen_valid")
 _OPTIONAL = ("active_all", "active_future")
 
 
@@ -94,6 +94,8 @@ def load_timeline(folder: Path, settings: "TimelineSettings") -> "Timeline | Non
             {name: tuple(shape) for name, shape in made["shapes"].items()},
             made["references"],
             made["children"],
+            made["parents"],
+            made["calibrations"],
             made["common_parent"],
         )
     except (OSError, ValueError, KeyError, TypeError):
@@ -118,4 +120,7 @@ def load_timeline(folder: Path, settings: "TimelineSettings") -> "Timeline | Non
         arrays.get("active_future"),
         document["encodings"],
         arrays["roots"],
+        group("seen_frame"),
+        group("seen_low"),
+        group("seen_valid"),
     )

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from exumi_data.errors import DamagedDataError, UsageError
-from exumi_data.splits import split_ids
+from exumi_data.errors import UsageError
 from exumi_data.ticks import DEFAULT_TICK_S
 from exumi_loaders.actions import (
     action_columns,
@@ -18,27 +17,24 @@ from exumi_loaders.actions import (
     relative_to_start,
 )
 from exumi_loaders.buffers import ItemSpec
-from exumi_loaders.draws import history_steps, normal, words
+from exumi_loaders.draws import history_steps, normal
+from exumi_loaders.episode_windows import EpisodeWindows
 from exumi_loaders.layout import Names, choose_layout
 from exumi_loaders.masks import Mask, make_masks
 from exumi_loaders.options import one_of
-from exumi_loaders.readers import FrameReaders
-from exumi_loaders.steps import WindowSteps, window_anchors
-from exumi_loaders.timeline import TimelineSettings, build_timeline
-from exumi_loaders.timeline_cache import default_cache
-from exumi_loaders.window_frames import OnCorrupt, read_frames
-from exumi_loaders.windows import Windows
+from exumi_loaders.steps import WindowSteps
+from exumi_loaders.timeline import TimelineSettings
+from exumi_loaders.window_frames import OnCorrupt
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset as EpisodeDataset
 
 __all__ = ["TPPWindows"]
 
-_NOISE, _REPLACEMENT = 20, 21  # purposes of draws, see draws.py
-_MOST_REPLACEMENTS = 100
+_NOISE = 20  # a purpose of draws, see draws.py
 
 
-class TPPWindows(Windows):
+class TPPWindows(EpisodeWindows):
     """Windows of tactile frames, RGB frames and relative actions on a common timeline.
 
     A window lies around one tick, its step 0. With the defaults, which are the paper's, it holds
@@ -203,27 +199,19 @@ class TPPWindows(Windows):
         seed: int = 0,
         cache: bool | str | Path = True,
     ) -> None:
-        super().__init__(seed)
-        one_of("edges", edges, ("pad", "drop"))
+        super().__init__(edges=edges, stride=stride, on_corrupt=on_corrupt, seed=seed)
         one_of("decode", decode, ("cpu", "device"))
         one_of("activity", activity, ("all", "future"))
-        one_of("on_corrupt", on_corrupt, ("raise", "skip", "substitute"))
-        if stride < 1:
-            raise UsageError(f"stride is {stride}, not a positive number of ticks")
         if not (0 <= start_noise_m < np.inf and 0 <= start_noise_rad < np.inf):
             raise UsageError("start_noise_m and start_noise_rad are to be finite and not negative")
         self.steps = WindowSteps(history, future, history_frames, future_frames, tuple(rgb_steps))
         if activity == "future" and not future_frames:
             raise UsageError('activity="future" needs frames of the future (future_frames)')
-        if split is not None:
-            ids = split_ids(dataset, split, by=split_by, ratio=split_ratio, seed=seed)
-            dataset = dataset.select(ids)
-        self.episodes = dataset
+        self._select(dataset, split, split_by, split_ratio)
         self._random_history = random_history
         self._activity = activity
-        self._on_corrupt: OnCorrupt = on_corrupt
         self._noise = np.repeat([start_noise_m, start_noise_rad], 3)
-        layout = choose_layout(dataset, tactile=tactile, rgb=rgb, pose=pose, width=width)
+        layout = choose_layout(self.episodes, tactile=tactile, rgb=rgb, pose=pose, width=width)
         settings = TimelineSettings(
             Fraction(tick_s).limit_denominator(10**9),
             image_tolerance_s,
@@ -232,30 +220,13 @@ class TPPWindows(Windows):
             (self.steps.first, self.steps.last),
             tuple(self.steps.tactile_future.tolist()),
         )
-        folder = default_cache() if cache is True else Path(cache) if cache else None
-        self.timeline = build_timeline(dataset, layout, settings, cache=folder)
-        self.layout = self.timeline.layout
+        self._open(layout, settings, cache)
         self._proprioception = proprioception
-        self._check_motion()
+        if proprioception and not self.layout.pose:
+            raise UsageError("proprioception needs a pose stream", where=self.episodes.path)
         self._modalities = self._choose_modalities()
         self._masks = make_masks(mask, dropout, self._modalities)
         self._spec = self._make_spec(grey_tactile=grey_tactile, as_files=decode == "device")
-        self._anchors, self._episode = window_anchors(
-            self.timeline.edges, edges, stride, (self.steps.first, self.steps.last)
-        )
-        self._readers = FrameReaders(dataset, self.timeline.encodings, self.timeline.roots)
-
-    def _check_motion(self) -> None:
-        layout = self.layout
-        if len(layout.pose) > 1 and not layout.common_parent:
-            raise UsageError(
-                f"{', '.join(layout.pose)} have different parent frames: where one gripper is to "
-                "the other is not known",
-                where=self.episodes.path,
-                fix=f"Name the poses that belong together: pose={layout.pose[:1]}.",
-            )
-        if self._proprioception and not layout.pose:
-            raise UsageError("proprioception needs a pose stream", where=self.episodes.path)
 
     def _choose_modalities(self) -> tuple[str, ...]:
         there = {
@@ -329,83 +300,12 @@ class TPPWindows(Windows):
         """Name of each column of ``between``."""
         return between_columns(self.layout)
 
-    def __len__(self) -> int:
-        return len(self._anchors)
-
-    def __repr__(self) -> str:
-        streams = ", ".join(self.layout.streams)
-        return f"<TPPWindows: {len(self)} windows of {len(self.episodes)} episodes ({streams})>"
-
-    @property
-    def active(self) -> np.ndarray:
-        """(len(self),) bool: which windows are active, from stored activity.
-
-        Raises
-        ------
-        UsageError
-            Not all episodes have stored activity.
-        """
-        timeline = self.timeline
-        flags = timeline.active_all if self._activity == "all" else timeline.active_future
-        if flags is None:
-            raise UsageError(
-                "not all episodes have stored tactile activity",
-                where=self.episodes.path,
-                fix="Convert or prepare them with exUMI Data, which computes it once.",
-            )
-        return np.asarray(flags[self._anchors])
-
-    def fill(
-        self, arrays: Mapping[str, np.ndarray], rows: np.ndarray, epochs: np.ndarray, at: np.ndarray
-    ) -> None:
-        """Fill some rows of a batch.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            One for each key of `spec`, with an axis for the batch in front. What stays JPEG files
-            is an array of their bytes, with None where there is no frame.
-        rows : (R,) int64
-            The rows to fill.
-        epochs : (R,) int64
-            The epoch of each window.
-        at : (R,) int64
-            Which window it is, in [0, len(self)).
-        """
-        damaged = self._fill(arrays, rows, epochs, at)
-        if self._on_corrupt == "substitute":
-            arrays["substituted"][rows] = damaged
-        if self._on_corrupt != "skip":
-            return
-        tries = 0
-        while damaged.any():
-            tries += 1
-            again = damaged > 0
-            rows, epochs, at = rows[again], epochs[again], at[again]
-            if tries > _MOST_REPLACEMENTS:
-                raise DamagedDataError(
-                    f"window {at[0]} and {_MOST_REPLACEMENTS} that were drawn to replace it are "
-                    "damaged",
-                    where=self.episodes.path,
-                    fix="See what is damaged: exumi validate --level data",
-                )
-            arrays["replaced"][rows] = tries
-            damaged = self._fill(arrays, rows, epochs, self._replacements(epochs, at, tries))
-
     def _fill(
         self, arrays: Mapping[str, np.ndarray], rows: np.ndarray, epochs: np.ndarray, at: np.ndarray
     ) -> np.ndarray:
         """Fill rows; return how many frames of each are damaged, (R,) int."""
         timeline, layout, steps = self.timeline, self.layout, self.steps
-        episode, anchor = self._episode[at], self._anchors[at]
-        first, last = timeline.edges[episode], timeline.edges[episode + 1] - 1
-
-        def ticks(wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """Return flat ticks of some steps, and which lie outside the episode."""
-            flat = anchor[:, None] + wanted
-            inside = np.clip(flat, first[:, None], last[:, None])
-            return inside, flat != inside
-
+        episode = self._episode[at]
         masked = {name: self._masks.draw(name, self._seed, epochs, at) for name in self._modalities}
         for name, values in masked.items():
             arrays[f"{name}_masked"][rows] = values
@@ -416,19 +316,19 @@ class TPPWindows(Windows):
             arrays["tactile_steps"][rows] = tactile_steps
             hidden = np.zeros(tactile_steps.shape, dtype=bool)
             hidden[:, : steps.history_frames] = masked["tactile_history"][:, None]
-            flat, _ = ticks(tactile_steps)
+            flat, _ = self._ticks(at, tactile_steps)
             for name in layout.tactile:
-                good, bad = self._add_frames(arrays, name, rows, episode, flat, hidden)
+                good, bad = self._add_unmasked(arrays, name, rows, at, flat, hidden)
                 complete &= good
                 damaged += bad
         if layout.rgb:
-            flat, _ = ticks(np.array(steps.rgb))
+            flat, _ = self._ticks(at, np.array(steps.rgb))
             hidden = np.repeat(masked["rgb"][:, None], len(steps.rgb), axis=1)
             for name in layout.rgb:
-                good, bad = self._add_frames(arrays, name, rows, episode, flat, hidden)
+                good, bad = self._add_unmasked(arrays, name, rows, at, flat, hidden)
                 complete &= good
                 damaged += bad
-        flat, padding = ticks(steps.all)
+        flat, padding = self._ticks(at, steps.all)
         complete &= ~padding.any(axis=1)
         if layout.low:
             action = relative_actions(timeline, flat, zero=steps.zero)
@@ -441,31 +341,14 @@ class TPPWindows(Windows):
             drawn = normal(self._seed, epochs, at, count * 6, purpose=_NOISE)
             noise = drawn.reshape(-1, count, 6) * self._noise
             past = slice(None, steps.history)
-            known = relative_to_start(timeline, flat[:, past], first, noise)
+            known = relative_to_start(timeline, flat[:, past], timeline.edges[episode], noise)
             hidden = masked["proprioception"]
             complete &= _put(arrays, "proprioception", rows, *known, padding[:, past], hidden)
         arrays["padding"][rows] = padding
         arrays["valid"][rows] = complete
         arrays["episode"][rows] = episode
-        arrays["time_ns"][rows] = timeline.start_ns[episode] + timeline.tick_offset_ns(
-            anchor - first
-        )
+        arrays["time_ns"][rows] = self._time_ns(at)
         return damaged
-
-    def _replacements(self, epochs: np.ndarray, at: np.ndarray, tries: int) -> np.ndarray:
-        """Draw other windows, each as active as the one that it stands for."""
-        drawn = words(self._seed, epochs, at, tries, purpose=_REPLACEMENT)[:, -1]
-        try:
-            active = self.active
-        except UsageError:  # no activity is stored: all windows are alike
-            return np.asarray(drawn % np.uint64(len(self)), dtype=np.int64)
-        out = np.empty(len(at), dtype=np.int64)
-        for kind in (False, True):
-            mine = active[at] == kind
-            if mine.any():
-                pool = np.flatnonzero(active == kind)
-                out[mine] = pool[drawn[mine] % np.uint64(len(pool))]
-        return out
 
     def _tactile_steps(self, epochs: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         steps, count = self.steps, self.steps.history_frames
@@ -476,16 +359,16 @@ class TPPWindows(Windows):
         future = np.broadcast_to(steps.tactile_future, (len(chosen), steps.future_frames))
         return np.concatenate((history, future), axis=1)
 
-    def _add_frames(  # where from, where to
+    def _add_unmasked(  # where from, where to
         self,
         arrays: Mapping[str, np.ndarray],
         name: str,
         rows: np.ndarray,
-        episode: np.ndarray,
         at: np.ndarray,
+        ticks: np.ndarray,
         hidden: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Decode the frames nearest to ticks `at` (R, K), but for the hidden ones.
+        """Decode the frames nearest to ticks (R, K), but for the hidden ones.
 
         Returns
         -------
@@ -494,19 +377,9 @@ class TPPWindows(Windows):
         damaged : (R,) int
             How many are damaged.
         """
-        frames = np.where(hidden, -1, self.timeline.frame[name][at])
-        outcome = read_frames(
-            self._readers,
-            name,
-            episode,
-            frames,
-            rows,
-            arrays[name],
-            arrays.get(f"{name}_reference"),
-            on_corrupt=self._on_corrupt,
-        )
-        arrays[f"{name}_valid"][rows] = outcome.there
-        return (outcome.there | hidden).all(axis=1), outcome.damaged.sum(axis=1)
+        frames = np.where(hidden, -1, self.timeline.frame[name][ticks])
+        there, damaged = self._add_frames(arrays, name, rows, at, frames)
+        return (there | hidden).all(axis=1), damaged
 
 
 def _put(  # what, where, and what is wrong with it

@@ -10,7 +10,7 @@ from exumi_data.store import jpeg
 from exumi_data.store.images import Frames
 from exumi_loaders.readers import FrameReaders
 
-__all__ = ["OnCorrupt", "Outcome", "read_frames"]
+__all__ = ["OnCorrupt", "Outcome", "as_channels", "read_frames"]
 
 OnCorrupt = Literal["raise", "skip", "substitute"]
 
@@ -91,7 +91,7 @@ def read_frames(  # a batch, where it goes, and what to do
             damaged[position] = ~missing[position]
             continue
         if reference is not None and image is not None:
-            reference[row] = _like(image, reference.shape[-1])
+            reference[row] = as_channels(image, reference.shape[-1])
         if whole[position] and _is_sound(read, source, wanted, out[row]):
             continue
         for k in _read_what_is_there(read, source, wanted, out[row], nothing):
@@ -167,9 +167,16 @@ def _located(
     return ChangedDataError("changed while it was read", where=where)
 
 
-def _like(reference: np.ndarray, channels: int) -> np.ndarray:
-    if reference.shape[2] == channels:
-        return reference
+def as_channels(image: np.ndarray, channels: int) -> np.ndarray:
+    """Return an image in colour as luma, where one channel is asked for.
+
+    Parameters
+    ----------
+    image : (H, W, C) uint8
+    channels : int
+    """
+    if image.shape[2] == channels:
+        return image
     from exumi_data.tactile import to_grey  # OpenCV, only for mixed channels
 
-    return np.asarray(to_grey(reference)[..., None])
+    return np.asarray(to_grey(image)[..., None])

@@ -15,6 +15,7 @@ from exumi_data.dataset import create_dataset
 from exumi_data.model import (
     Annotations,
     ArrayImages,
+    CalibrationItem,
     Clock,
     DatasetMetadata,
     EncodedImages,
@@ -54,6 +55,8 @@ class Recipe:
     """Of each side: how far its poses lie beside the known motion, metres."""
     parents: dict[str, str] = field(default_factory=dict)
     child: str = "tcp"
+    calibration: dict[str, Any] = field(default_factory=dict)
+    """Values of calibration items."""
     active_above: float | None = None
     revision: int = 1
     shift: int = 0
@@ -70,7 +73,7 @@ def nanoseconds(seconds: Sequence[float]) -> np.ndarray:
     return np.round(np.asarray(seconds) * 1e9).astype(np.int64)
 
 
-def smooth_poses(seconds: Sequence[float]) -> np.ndarray:
+def smooth_poses(seconds: Sequence[float] | np.ndarray) -> np.ndarray:
     """A motion that is known at any time."""
     from scipy.spatial.transform import Rotation
 
@@ -80,7 +83,7 @@ def smooth_poses(seconds: Sequence[float]) -> np.ndarray:
     return np.concatenate((position, turn.as_quat()), axis=1)
 
 
-def width_m(seconds: Sequence[float]) -> np.ndarray:
+def width_m(seconds: Sequence[float] | np.ndarray) -> np.ndarray:
     return 0.05 + 0.01 * np.asarray(seconds)
 
 
@@ -108,6 +111,10 @@ def write_episode(root: Path, number: int, recipe: Recipe) -> str:
         regime="play",
         licence="CC0-1.0",
         source=Source(type="simulated", tool="tests", tool_version="1"),
+        calibration={
+            name: CalibrationItem(value=value, method="known")
+            for name, value in recipe.calibration.items()
+        },
         annotations=Annotations(part_id=recipe.part, object_id=recipe.object),
     )
     with exumi_data.EpisodeWriter(
