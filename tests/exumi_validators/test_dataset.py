@@ -1,5 +1,6 @@
 """Datasets: serial and parallel alike, nothing lost on the way."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -115,3 +116,21 @@ def test_an_empty_path_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     assert validate(".").valid
     with pytest.raises(NotAnEpisodeError, match="empty path"):
         validate("")
+
+
+def test_a_split_may_name_an_episode_that_cannot_be_read(tmp_path: Path) -> None:
+    """It is there, and only damaged: the split need not be made again."""
+    root = write_dataset(tmp_path / "d", 2)
+    (root / "splits").mkdir()
+    lists = {"train": [episode_id(0)], "test": [episode_id(1)]}
+    split = {"format": "exumi-split", "version": "1.0", "name": "a", "level": "episode"}
+    (root / "splits/a.json").write_text(json.dumps({**split, "lists": lists}))
+    document = json.loads((root / "dataset.json").read_text())
+    (root / "dataset.json").write_text(json.dumps({**document, "splits": ["a"]}))
+    assert "SPLIT-004" not in validate(root).codes()
+    (root / episode_path(episode_id(1)) / "zarr.json").write_text("{")
+    found = validate(root).codes()
+    assert found["DOC-001"] == 1
+    assert "SPLIT-004" not in found
+    shutil.rmtree(root / episode_path(episode_id(1)))
+    assert validate(root).codes()["SPLIT-004"] == 1

@@ -4,7 +4,7 @@ import os
 import stat
 from collections.abc import Mapping
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter
@@ -163,6 +163,17 @@ class DatasetContext:
     def by_id(self) -> dict[str, EpisodeFacts]:
         """Facts of the episodes by id."""
         return {facts.id: facts for facts in self.facts.values() if facts.id}
+
+    @cached_property
+    def ids(self) -> set[str]:
+        """The ids of all episodes; of one that cannot be read, that of its file's name."""
+        unread = (path for path in self.episodes if not self._id_at(path))
+        names = (PurePosixPath(path).name for path in (*unread, *self.links))
+        return {*self.by_id, *(name.partition(".")[0] for name in names)}
+
+    def _id_at(self, path: str) -> str | None:
+        facts = self.facts.get(path)
+        return facts.id if facts else None
 
     @cached_property
     def oddities(self) -> list[tuple[str, str]]:

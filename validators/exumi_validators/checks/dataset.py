@@ -178,7 +178,7 @@ def split_ids(dataset: DatasetContext) -> Iterator[Problem]:
     """Judge that splits name episodes that are there."""
     for name, split in dataset.splits.items():
         for part, ids in split.lists.items():
-            unknown = [episode_id for episode_id in ids if episode_id not in dataset.by_id]
+            unknown = [episode_id for episode_id in ids if episode_id not in dataset.ids]
             if unknown:
                 path = dataset.split_files[name].path
                 pointer = ("lists", part)
