@@ -4,6 +4,8 @@ import json
 import shutil
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from exumi_data.catalog import episode_path
@@ -134,3 +136,32 @@ def test_a_split_may_name_an_episode_that_cannot_be_read(tmp_path: Path) -> None
     assert "SPLIT-004" not in found
     shutil.rmtree(root / episode_path(episode_id(1)))
     assert validate(root).codes()["SPLIT-004"] == 1
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "told"),
+    [
+        ("regime", "play", '"play"'),
+        ("task", "x" * 200, "what has sha-256 "),
+        ("licence", None, "nothing"),
+        ("labels", [{"property": "hardness", "number": 3.0, "text": None}], '"number": 3.0'),
+        ("quality", ["dark"], '["dark"]'),
+    ],
+)
+def test_whatever_a_row_holds_of_the_metadata_is_compared(
+    tmp_path: Path, column: str, value: object, told: str
+) -> None:
+    root = write_dataset(tmp_path / "d", 2)
+    assert "CAT-003" not in validate(root, levels=["hierarchy"]).codes()
+    table = pq.read_table(root / "catalog.parquet")
+    values = table[column].to_pylist()
+    values[1] = value
+    field = table.schema.field(column).with_nullable(True)
+    column_at = table.schema.get_field_index(column)
+    pq.write_table(
+        table.set_column(column_at, field, pa.array(values, field.type)), root / "catalog.parquet"
+    )
+    (found,) = [p for p in validate(root, levels=["hierarchy"]).problems if p.code == "CAT-003"]
+    assert found.location.index == 1
+    assert found.message.startswith(f"{column} of ")
+    assert told in found.message
