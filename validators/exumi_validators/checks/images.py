@@ -94,7 +94,7 @@ def encoded_frames(episode: EpisodeContext, name: str, images: EncodedImages) ->
     frozen, statistics = _frozen_frames(episode), begin_statistics(episode, name)
     for start, (time, crc) in episode.blocks(f"{base}/time", f"{base}/crc32c"):
         edges = offset.rows(start, start + len(time) + 1).tolist()
-        for row, instant in enumerate(time.tolist()):
+        for row, (instant, expected) in enumerate(zip(time.tolist(), crc.tolist(), strict=True)):
             index = start + row
             length = edges[row + 1] - edges[row]
             if length > MAX_FRAME_BYTES:
@@ -108,19 +108,21 @@ def encoded_frames(episode: EpisodeContext, name: str, images: EncodedImages) ->
                 yield problem("IMG-006", f"{base}/data", index=index, detail=reason)
                 continue
             found = crc32c(file)
-            if found != crc[row]:
-                expected = f"{crc[row]:08x}"
+            if found != expected:
+                shown = f"{found:08x}"
                 yield problem(
-                    "IMG-005", f"{base}/data", index=index, expected=expected, found=f"{found:08x}"
+                    "IMG-005", f"{base}/data", index=index, expected=f"{expected:08x}", found=shown
                 )
-            mistakes = list(_file_problems(file, index, f"{base}/data", images, luma))
+            mistakes = tuple(_file_problems(file, index, f"{base}/data", images, luma))
             yield from mistakes
-            if statistics is not None and found == crc[row] and not mistakes:
+            if statistics is not None and found == expected and not mistakes:
                 statistics.add(index, luma)
                 if statistics.searches(index):
                     statistics.search(index, _colours(file, luma, images.channels))
             episode.frames += 1
-            yield from _frozen(frozen.add(index, instant, found), f"{base}/data")
+            run = frozen.add(index, instant, found)
+            if run is not None:
+                yield from _frozen(run, f"{base}/data")
     if statistics is not None:
         statistics.end()
     yield from _frozen(frozen.end(), f"{base}/data")
