@@ -9,6 +9,7 @@ as fields, so that a program can act on them. Tree::
     ├── UnsupportedError      a newer format, or a feature this version does not know
     ├── MetadataError         the metadata breaks the standard
     ├── DamagedDataError      bytes are missing or wrong
+    │   └── ChangedDataError  they are not those of what was opened
     ├── LimitError            a file asks for more memory than it may
     ├── SourceError           a file to convert cannot be read
     ├── EpisodeExistsError    the final name is taken
@@ -16,6 +17,7 @@ as fields, so that a program can act on them. Tree::
 """
 
 __all__ = [
+    "ChangedDataError",
     "DamagedDataError",
     "EpisodeExistsError",
     "ExumiError",
@@ -101,6 +103,10 @@ class MetadataError(ExumiError):
 
 class DamagedDataError(ExumiError):
     """Bytes are missing or wrong: a missing shard, a wrong checksum, a file cut short."""
+
+
+class ChangedDataError(DamagedDataError):
+    """A file was replaced, rewritten or removed after its episode was opened."""
 
 
 class LimitError(ExumiError):

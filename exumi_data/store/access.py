@@ -15,7 +15,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from exumi_data.errors import DamagedDataError, ExumiError, LimitError, NotAnEpisodeError
+from exumi_data.errors import (
+    ChangedDataError,
+    DamagedDataError,
+    ExumiError,
+    LimitError,
+    NotAnEpisodeError,
+)
 from exumi_data.store.paths import check_member_path
 
 __all__ = ["BoundedFile", "FolderStore", "OpenFiles", "Store", "ZipStore", "open_store"]
@@ -27,6 +33,7 @@ _DATA_DESCRIPTOR = 0x8
 _MAX_WHOLE_FILE = 64 << 20
 _MAX_DIRECTORY = 16 << 20
 _DEEPEST = 32
+_ROOT_DOCUMENT = "zarr.json"
 
 
 class Store(Protocol):
@@ -92,10 +99,26 @@ def _unreadable(where: str, error: OSError) -> ExumiError:
     return DamagedDataError(f"cannot be read ({error.strerror})", where=where)
 
 
+_Identity = tuple[int, int, int, int]
+
+
+def _identity(info: os.stat_result) -> _Identity:
+    """Return what tells a file from one that took its name."""
+    return info.st_dev, info.st_ino, info.st_size, info.st_mtime_ns
+
+
+def _changed(where: str) -> ChangedDataError:
+    return ChangedDataError(
+        "changed after its episode was opened",
+        where=where,
+        fix="Open the dataset again; while it is read, nothing may write to it.",
+    )
+
+
 class _OpenFile:
     """An open descriptor; closed when its last user drops it."""
 
-    __slots__ = ("descriptor", "size")
+    __slots__ = ("descriptor", "identity", "size")
 
     def __init__(self, path: str) -> None:
         # A link could lead anywhere, also out of the store.
@@ -104,6 +127,7 @@ class _OpenFile:
         self.descriptor = os.open(path, flags)
         info = os.fstat(self.descriptor)
         self.size = info.st_size
+        self.identity = _identity(info)
         if not stat.S_ISREG(info.st_mode):
             raise FileNotFoundError(path)
 
@@ -159,7 +183,9 @@ class FolderStore:
         self.location = str(path)
         self._files = files or OpenFiles()
         self._folders: set[str] = {""}
-        self._names: dict[str, str] = {}
+        # What is read piece by piece has to stay the same file, however often it is opened.
+        self._known: dict[str, tuple[str, _Identity]] = {}
+        self._root: _Identity | None = None
 
     def _check(self, path: str) -> None:
         """Refuse unsafe paths and folders that are links. Each folder is asked once."""
@@ -207,17 +233,38 @@ class FolderStore:
         self._check(path)
         # Whole reads are of small files that are read once: their descriptor is not kept.
         file = self._opened(path, _OpenFile)
+        if path == _ROOT_DOCUMENT and self._root is None:
+            self._root = file.identity
         return _read_small(file.descriptor, 0, file.size, f"{self.location}/{path}")
 
     def read_range(self, path: str, start: int, length: int) -> bytes:
         """Return exactly `length` bytes from `start`."""
-        where = self._names.get(path)
-        if where is None:
+        known = self._known.get(path)
+        if known is None:
             file = self._file(path)
-            where = self._names[path] = f"{self.location}/{path}"
+            where = f"{self.location}/{path}"
+            self._check_root(where)
+            self._known[path] = where, file.identity
         else:  # checked before: frames are read by the hundred from one file
-            file = self._opened(path, self._files.get, where)
+            where, identity = known
+            try:
+                file = self._opened(path, self._files.get, where)
+            except FileNotFoundError:
+                raise _changed(where) from None
+            if file.identity != identity:
+                raise _changed(where)
         return _read_exactly(file.descriptor, start, length, where)
+
+    def _check_root(self, where: str) -> None:
+        """Refuse a file of an episode that took the place of this one: it has another root."""
+        if self._root is None:
+            return
+        try:
+            now = _identity(os.lstat(f"{self.location}/{_ROOT_DOCUMENT}"))
+        except OSError:
+            raise _changed(where) from None
+        if now != self._root:
+            raise _changed(where)
 
     def size(self, path: str) -> int:
         """Return a file's size in bytes."""
@@ -295,7 +342,8 @@ class ZipStore:
         # A packed episode itself may be reached through a link; only links inside are refused.
         self._real = os.path.realpath(path)
         self._files = files or OpenFiles(1)
-        self._file_size = self._files.get(self._real).size
+        opened = self._files.get(self._real)
+        self._file_size, self._identity = opened.size, opened.identity
         self._members = self._read_directory()
         self._starts: dict[str, int] = {}
 
@@ -373,13 +421,19 @@ class ZipStore:
         return start, size
 
     def _read_at(self, start: int, length: int, where: str) -> bytes:
-        return _read_exactly(self._files.get(self._real).descriptor, start, length, where)
+        return _read_exactly(self._descriptor(where), start, length, where)
+
+    def _descriptor(self, where: str) -> int:
+        file = self._files.get(self._real)
+        if file.identity != self._identity:
+            raise _changed(where)
+        return file.descriptor
 
     def read(self, path: str) -> bytes:
         """Return a whole member."""
         start, size = self._locate(path)
         where = f"{self.location}!{path}"
-        return _read_small(self._files.get(self._real).descriptor, start, size, where)
+        return _read_small(self._descriptor(where), start, size, where)
 
     def read_range(self, path: str, start: int, length: int) -> bytes:
         """Return exactly `length` bytes from `start`."""

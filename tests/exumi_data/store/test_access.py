@@ -14,7 +14,13 @@ import numpy as np
 import pytest
 
 from exumi_data.episode import open_episode
-from exumi_data.errors import DamagedDataError, ExumiError, LimitError, NotAnEpisodeError
+from exumi_data.errors import (
+    ChangedDataError,
+    DamagedDataError,
+    ExumiError,
+    LimitError,
+    NotAnEpisodeError,
+)
 from exumi_data.store.access import FolderStore, OpenFiles, ZipStore, open_store
 from exumi_data.store.pack import pack
 from exumi_data.store.paths import check_member_path
@@ -381,3 +387,39 @@ def test_extra_fields_and_distant_members_are_read(episode: Path) -> None:
     near, far = open_episode(source), open_episode(target)
     assert far.digest() == near.digest()
     np.testing.assert_array_equal(far["tactile"].frames[:], near["tactile"].frames[:])
+
+
+SHARD = "streams/tactile/data/c/0"
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_file_that_took_the_name_of_another_is_not_read(episode: Path, packed: bool) -> None:
+    path = pack(episode) if packed else episode
+    inside = SHARD
+    file = path if packed else path / inside
+    files = OpenFiles()
+    store = open_store(path, files)
+    before = store.read_range(inside, 0, 16)
+    other = file.with_name("other")
+    other.write_bytes(file.read_bytes())
+    other.rename(file)
+    assert store.read_range(inside, 0, 16) == before  # still open: what was there
+    files.clear()
+    with pytest.raises(ChangedDataError, match="changed after"):
+        store.read_range(inside, 0, 16)
+    assert open_store(path).read_range(inside, 0, 16) == before
+    if not packed:
+        file.unlink()
+        files.clear()
+        with pytest.raises(ChangedDataError, match="changed after"):
+            store.read_range(inside, 0, 16)
+
+
+def test_files_of_an_episode_that_took_the_place_of_another(episode: Path, original: Path) -> None:
+    store = FolderStore(episode)
+    store.read("zarr.json")
+    other = copy_of(original, episode.with_name("other"))
+    episode.rename(episode.with_name("aside"))  # as a writer does
+    other.rename(episode)
+    with pytest.raises(ChangedDataError, match="changed after"):
+        store.read_range(SHARD, 0, 16)
