@@ -27,6 +27,9 @@ Provenance = Literal["human", "any"]
 RATING_SCALE = (0.0, 10.0)
 """Lowest and highest rating, whatever scale a label was given on (Octopi's)."""
 
+MOST_FRAMES = 4096
+"""Salient frames of a clip at most: a batch has room for so many, whatever its clips have."""
+
 _MANY_EPISODES = 2000
 
 
@@ -152,8 +155,8 @@ class Clips:
         frames: int = 10,
         provenance: Provenance = "human",
     ) -> None:
-        if frames < 1:
-            raise UsageError(f"frames is {frames}, not a positive number")
+        if not 1 <= frames <= MOST_FRAMES:
+            raise UsageError(f"frames is {frames}, not from 1 to {MOST_FRAMES}")
         if provenance not in ("human", "any"):
             raise UsageError(
                 f"invalid provenance ({provenance!r}). Supported values are 'human', 'any'"

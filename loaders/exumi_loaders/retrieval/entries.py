@@ -19,6 +19,7 @@ Provenance = Literal["human", "model"]
 
 _MOST_LETTERS = 1000
 _MOST_WORDS = 200
+_MOST_ORIGINS = 10_000
 _ROWS = 65_536  # written at a time
 
 
@@ -63,13 +64,16 @@ class Entry:
     origins: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        words = (self.id, self.name, *self.adjectives, *self.labels, *self.origins)
-        words += tuple(w for w in (self.object_id, self.part_id, self.part) if w is not None)
         if not self.name.strip():
             raise UsageError("an entry needs a name")
-        if len(words) > _MOST_WORDS or any(len(word) > _MOST_LETTERS for word in words):
+        words = (self.id, self.name, *self.adjectives, *self.labels)
+        words += tuple(w for w in (self.object_id, self.part_id, self.part) if w is not None)
+        many = len(words) > _MOST_WORDS or len(self.origins) > _MOST_ORIGINS
+        words += self.origins
+        if many or any(len(word) > _MOST_LETTERS for word in words):
             raise UsageError(
-                f"an entry has at most {_MOST_WORDS} words of {_MOST_LETTERS} letters",
+                f"an entry has at most {_MOST_WORDS} words of {_MOST_LETTERS} letters, and is told "
+                f"by at most {_MOST_ORIGINS}",
                 where=self.name[:40],
             )
         if any("\ud800" <= letter <= "\udfff" for word in words for letter in word):
