@@ -132,7 +132,8 @@ def check_free(target: Path) -> None:
         raise UsageError(
             "is there already", where=target, fix="Remove it first, or name another folder."
         )
-    for folder in target.absolute().parents:
+    parent = Path(os.path.realpath(target.parent))  # a link may lead into one
+    for folder in (parent, *parent.parents):
         if (folder / "zarr.json").is_file():
             raise UsageError(
                 f"lies inside {folder}, an episode or another index, to which it would be damage",

@@ -251,7 +251,10 @@ def test_the_place_is_claimed_before_anything_is_encoded(
 def test_an_episode_and_another_index_are_left_whole(
     index: TactileIndex, gratings: exumi_data.Dataset
 ) -> None:
-    for folder in (Path(gratings.episode_location(0)), index.path, index.path / "segments"):
+    episode = Path(gratings.episode_location(0))
+    link = index.path.with_name("link")
+    link.symlink_to(episode)
+    for folder in (episode, link, index.path, index.path / "segments"):
         before = sorted(folder.iterdir())
         with pytest.raises(UsageError, match="lies inside"):
             TactileIndex.build(gratings, path=folder / "index")
