@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from exumi_data.engine import Outcome, map_items
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import DamagedDataError, ExumiError, MetadataError, UsageError
-from exumi_data.model.episode import DerivedItem
+from exumi_data.model.episode import DerivedItem, EpisodeMetadata
 from exumi_data.model.streams import images_of
 from exumi_data.store.digest import digest_of
 
@@ -30,6 +30,7 @@ __all__ = [
     "episode_path",
     "fingerprint",
     "list_episodes",
+    "metadata_columns",
     "obstacle_to_catalog",
     "open_catalog",
     "read_catalog",
@@ -174,7 +175,6 @@ def catalog_row(episode: Episode, path: str) -> dict[str, Any]:
             }
         )
     meta, store = episode.metadata, episode.store
-    notes = meta.annotations
     return {
         "id": meta.id,
         "path": path,
@@ -183,8 +183,27 @@ def catalog_row(episode: Episode, path: str) -> dict[str, Any]:
         "derived_digest": None if episode.derived is None else digest_of(store, derived=True),
         "digest": episode.digest(),
         "bytes": sum(store.size(member) for member in store.paths()),
-        "start": meta.start,
         "duration_s": episode.duration_s,
+        **metadata_columns(meta),
+        "streams": streams,
+    }
+
+
+def metadata_columns(meta: EpisodeMetadata) -> dict[str, Any]:
+    """Make the columns of a row that are the metadata's own, but for `id` and `revision`.
+
+    Parameters
+    ----------
+    meta : EpisodeMetadata
+
+    Returns
+    -------
+    dict
+        Column to value.
+    """
+    notes = meta.annotations
+    return {
+        "start": meta.start,
         "regime": meta.regime,
         "task": meta.task.name,
         "success": meta.success,
@@ -197,7 +216,6 @@ def catalog_row(episode: Episode, path: str) -> dict[str, Any]:
         "pad_type": notes.pad_type if notes else None,
         "labels": [_label(label) for label in (notes.labels if notes else None) or []],
         "quality": [note.code for note in meta.quality],
-        "streams": streams,
     }
 
 

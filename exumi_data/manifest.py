@@ -1,20 +1,22 @@
 """The manifest of a dataset: every file with its digest, made when a dataset is released."""
 
 import hashlib
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
 from exumi_data.catalog import list_episodes
-from exumi_data.errors import DamagedDataError
-from exumi_data.model.documents import parse_episode
+from exumi_data.errors import DamagedDataError, UsageError
+from exumi_data.model.documents import dump, parse_episode, parse_manifest
 from exumi_data.model.manifest import Manifest, ManifestEpisode, ManifestFile
 from exumi_data.store.access import open_store
 from exumi_data.store.digest import digest_of
+from exumi_data.store.files import write_atomic
 from exumi_data.store.paths import check_member_path
 from exumi_data.store.plain_files import open_plain
 
-__all__ = ["MANIFEST_NAME", "build_manifest", "is_listed", "sha256_of"]
+__all__ = ["MANIFEST_NAME", "build_manifest", "is_listed", "sha256_of", "write_manifest"]
 
 MANIFEST_NAME = "manifest.json"
 _DEEPEST = 64
@@ -87,6 +89,39 @@ def build_manifest(root: str | os.PathLike[str]) -> Manifest:
     files = [_file(folder, path) for path in sorted(_paths(folder), key=str.encode)]
     episodes = [_episode(folder, path) for path in list_episodes(folder)]
     return Manifest(files=files, episodes=episodes)
+
+
+def write_manifest(root: str | os.PathLike[str]) -> Path:
+    """Make the manifest of a dataset and write it, whole or not at all; an older one is replaced.
+
+    Parameters
+    ----------
+    root : path-like
+        The dataset's folder.
+
+    Returns
+    -------
+    pathlib.Path
+        ``manifest.json``.
+
+    Raises
+    ------
+    UsageError
+        A link stands there, or a folder.
+    DamagedDataError
+        There is a link or an unsafe name, or a file cannot be read.
+    MetadataError, UnsupportedError
+        An episode's metadata cannot be read, or there are more files than a manifest can list.
+    """
+    target = Path(root) / MANIFEST_NAME
+    if target.is_symlink() or target.is_dir():
+        what = "is a link" if target.is_symlink() else "is a folder"
+        raise UsageError(f"{what}: it is not replaced", where=target, fix="Remove it first.")
+    document = dump(build_manifest(root))
+    raw = (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode()
+    parse_manifest(raw, target)  # what is too long for a reader is not written
+    write_atomic(target, raw)
+    return target
 
 
 def _file(root: Path, path: str) -> ManifestFile:

@@ -34,7 +34,7 @@ WorkersOption = Annotated[
 ]
 
 
-def given_path(text: str) -> Path:
+def given_path(text: str | Path) -> Path:
     """Return the path that a user named; an empty one and a URL are refused.
 
     Python takes an empty one as the current folder, while it comes from a variable that was not
@@ -42,7 +42,8 @@ def given_path(text: str) -> Path:
 
     Parameters
     ----------
-    text : str
+    text : str or pathlib.Path
+        What was typed, or the default of an option, which is a path already.
 
     Returns
     -------
@@ -57,6 +58,8 @@ def given_path(text: str) -> Path:
     """
     from exumi_data.errors import UnsupportedError, UsageError
 
+    if isinstance(text, Path):
+        return text
     if "://" in text:
         raise UnsupportedError(
             "URLs are not read yet", where=text, fix="Download it and give the local path."

@@ -427,10 +427,13 @@ def _print_scores(scores: "list[Score]", output: Format) -> None:
         ("of", "right"),
         ("known", "right"),
         ("first (95 %)", "right"),
-        ("in first five (95 %)", "right"),
+        ("in first five", "right"),
     )
     for score in scores:
-        shares = (f"{s.value:.1%} ({s.low:.0%} to {s.high:.0%})" for s in (score.first, score.five))
+        shares = (
+            f"{s.value:.1%} ({s.low * 100:.0f} to {s.high * 100:.0f})"
+            for s in (score.first, score.five)
+        )
         counts = (f"{count:,}" for count in (score.queries, score.groups, score.known))
         table.add_row(score.by, score.ranking, *counts, *shares)
     print_table(table, result_console())

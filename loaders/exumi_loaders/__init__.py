@@ -11,6 +11,7 @@ from exumi_data.errors import MissingExtraError
 if TYPE_CHECKING:
     from exumi_loaders.active_sampler import ActiveWindowSampler
     from exumi_loaders.clips import Clip, Clips
+    from exumi_loaders.concat import ConcatWindows
     from exumi_loaders.contrastive import BatchOrder, ContrastiveBatches
     from exumi_loaders.contrastive_loss import InfoNCE, info_nce
     from exumi_loaders.device.blur import Blur
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     from exumi_loaders.device.size import CentreCrop, PadToSquare, RandomCrop, Resize
     from exumi_loaders.device.to_float import ToFloat
     from exumi_loaders.instructions import InstructionSamples
+    from exumi_loaders.normaliser import Normaliser
+    from exumi_loaders.policy import PolicyWindows
+    from exumi_loaders.policy_spec import PolicySpec
+    from exumi_loaders.policy_stream import LateStreamError, PolicyStream
     from exumi_loaders.properties import PropertyWindows
     from exumi_loaders.representation import TactileRepresentation
     from exumi_loaders.retrieval.building import Embedding, EncodedClips, encode_clips
@@ -46,6 +51,7 @@ __all__ = [
     "Clip",
     "Clips",
     "ColourJitter",
+    "ConcatWindows",
     "ContrastiveBatches",
     "DecodeJpeg",
     "Embedding",
@@ -53,11 +59,16 @@ __all__ = [
     "Entry",
     "InfoNCE",
     "InstructionSamples",
+    "LateStreamError",
     "Match",
     "Mirror",
     "NormaliseSensor",
+    "Normaliser",
     "OctopiImages",
     "PadToSquare",
+    "PolicySpec",
+    "PolicyStream",
+    "PolicyWindows",
     "PropertyWindows",
     "RandomCrop",
     "Resize",
@@ -92,6 +103,7 @@ _HOME = {
     "Clip": "clips",
     "Clips": "clips",
     "ColourJitter": "device.colour",
+    "ConcatWindows": "concat",
     "ContrastiveBatches": "contrastive",
     "DecodeJpeg": "device.jpeg",
     "Embedding": "retrieval.building",
@@ -99,11 +111,16 @@ _HOME = {
     "Entry": "retrieval.entries",
     "InfoNCE": "contrastive_loss",
     "InstructionSamples": "instructions",
+    "LateStreamError": "policy_stream",
     "Match": "retrieval.matches",
     "Mirror": "device.mirror",
     "NormaliseSensor": "device.octopi",
+    "Normaliser": "normaliser",
     "OctopiImages": "device.octopi",
     "PadToSquare": "device.size",
+    "PolicySpec": "policy_spec",
+    "PolicyStream": "policy_stream",
+    "PolicyWindows": "policy",
     "PropertyWindows": "properties",
     "RandomCrop": "device.size",
     "Resize": "device.size",

@@ -61,9 +61,9 @@ class ActiveWindowSampler(Sampler[WindowIndex]):
 
     Parameters
     ----------
-    windows : TPPWindows or PolicyWindows
+    windows : TPPWindows, ConcatWindows or PolicyWindows
     reject : float
-        Probability in [0, 1] that an inactive window is drawn again.
+        Probability in [0, 1] that an inactive window is drawn again; 0 needs no stored activity.
     retries : int or None
         How often at most; None (default) until a window is accepted.
     weights : (len(windows),) array-like, optional
@@ -112,7 +112,7 @@ class ActiveWindowSampler(Sampler[WindowIndex]):
         world_size: int = 1,
     ) -> None:
         _check(reject=reject, retries=retries, count=count, rank=rank, world_size=world_size)
-        active = np.asarray(windows.active)
+        active = _active(windows, reject)
         relative = None if weights is None else _weights(weights, len(active))
         self._active = _Pool(np.flatnonzero(active), relative)
         self._inactive = _Pool(np.flatnonzero(~active), relative)
@@ -234,6 +234,16 @@ def _check(
         raise UsageError(f"count is {count}, not a number of windows")
     if not 0 <= rank < world_size:
         raise UsageError(f"rank is {rank}, not one of {world_size}")
+
+
+def _active(windows: _Windows, reject: float) -> np.ndarray:
+    """Return which windows are active; where nothing is rejected, it need not be known."""
+    try:
+        return np.asarray(windows.active)
+    except UsageError:
+        if reject:
+            raise
+        return np.zeros(len(windows), dtype=bool)
 
 
 def _weights(weights: Any, count: int) -> np.ndarray:

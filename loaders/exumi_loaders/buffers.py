@@ -7,15 +7,48 @@ and is zeroed page by page, which costs half as much as decoding the frames into
 import math
 import weakref
 from collections import deque
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
 
-__all__ = ["BatchBuffers"]
+__all__ = ["Batch", "BatchBuffers", "ItemSpec"]
 
 _KEPT = 4
+
+
+class ItemSpec(NamedTuple):
+    """Shape and type of one key of an item, without the axis of the batch.
+
+    Images are (..., H, W, C) in memory and are shown as (..., C, H, W). Where `files` is set there
+    are `JpegFrames` in their place, which become images of this shape and type.
+    """
+
+    shape: tuple[int, ...]
+    dtype: str
+    image: bool = False
+    files: bool = False
+
+    def __str__(self) -> str:
+        shape = self.shape
+        if self.image:
+            shape = (*shape[:-3], shape[-1], *shape[-3:-1])
+        return f"{shape} {self.dtype}{' as JPEG files' if self.files else ''}"
+
+
+class Batch(NamedTuple):
+    """One batch: as tensors, and the same memory as arrays, for filling it in place.
+
+    The arrays must not be kept: see `BatchBuffers.take`. Images are undefined until they are
+    filled; everything else is zero. In place of images that stay JPEG files there is no tensor, and
+    an array of objects: `bytes`, or None where there is no frame.
+    """
+
+    tensors: dict[str, Tensor]
+    arrays: dict[str, np.ndarray]
 
 
 class BatchBuffers:
@@ -42,6 +75,29 @@ class BatchBuffers:
         owner = memory[:].reshape(shape)
         weakref.finalize(owner, free.append, memory).atexit = False
         return torch.from_numpy(owner), memory.reshape(shape)
+
+    def batch(self, spec: Mapping[str, ItemSpec], size: int) -> Batch:
+        """Return memory for `size` items.
+
+        Parameters
+        ----------
+        spec : mapping of str to ItemSpec
+        size : int
+        """
+        tensors: dict[str, Tensor] = {}
+        arrays: dict[str, np.ndarray] = {}
+        for name, (shape, dtype, image, files) in spec.items():
+            if files:
+                arrays[name] = np.full((size, *shape[:-3]), None, dtype=object)
+            elif image:
+                # In the order that JPEG decoders write: torch sees it as channels-last images
+                # without a copy.
+                tensor, arrays[name] = self.take((size, *shape))
+                tensors[name] = tensor.movedim(-1, -3)
+            else:
+                arrays[name] = np.zeros((size, *shape), dtype=dtype)
+                tensors[name] = torch.from_numpy(arrays[name])
+        return Batch(tensors, arrays)
 
     def __getstate__(self) -> dict[str, object]:
         return {}

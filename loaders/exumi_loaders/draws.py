@@ -1,13 +1,15 @@
 """Random draws that are a pure function of (seed, epoch, index): the same with any workers.
 
 Every window hashes its own counter (SplitMix64, Steele et al. 2014), so a draw needs no state
-that workers could share or lose, and a whole batch is drawn at once.
+that workers could share or lose, and a whole batch is drawn at once. What a draw is for is a
+number: 0 history, 1 rejection, 2 and 3 sampling by activity, 16 to 19 dropout, 20 noise of the
+start pose, 21 replacements of damaged windows, 26 of damaged clips.
 """
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["history_steps", "uniform", "words"]
+__all__ = ["history_steps", "normal", "uniform", "words"]
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -52,6 +54,19 @@ def words(seed: int, epochs: np.ndarray, indices: np.ndarray, count: int, *, pur
 def uniform(seed: int, epochs: np.ndarray, indices: np.ndarray, *, purpose: int) -> np.ndarray:
     """Draw one number in [0, 1) a window, (B,) float64."""
     return (words(seed, epochs, indices, 1, purpose=purpose)[:, 0] >> _S11) * 2.0**-53
+
+
+def normal(
+    seed: int, epochs: np.ndarray, indices: np.ndarray, count: int, *, purpose: int
+) -> np.ndarray:
+    """Draw `count` numbers of the standard normal distribution a window, (B, count) float64."""
+    half = -(-count // 2)
+    drawn = (words(seed, epochs, indices, 2 * half, purpose=purpose) >> _S11) * 2.0**-53
+    # Box and Muller (1958); 1 - u is in (0, 1], so the logarithm is finite.
+    radius = np.sqrt(-2 * np.log1p(-drawn[:, :half]))
+    angle = 2 * np.pi * drawn[:, half:]
+    both = np.concatenate((radius * np.cos(angle), radius * np.sin(angle)), axis=1)
+    return np.asarray(both[:, :count])
 
 
 def history_steps(

@@ -5,32 +5,28 @@ whether each of these is valid. All episodes lie end to end in flat arrays, whic
 user's cache folder, keyed by the catalog's content and the settings.
 """
 
-import json
-import os
-import shutil
-import tempfile
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from exumi_data.dataset import Dataset
 from exumi_data.engine import map_items
 from exumi_data.episode import Episode, StreamView, open_episode
-from exumi_data.errors import DamagedDataError, UsageError
+from exumi_data.errors import MetadataError, UsageError
 from exumi_data.geometry import interpolate_linear, interpolate_poses
+from exumi_data.tactile.activity import ACTIVE_THRESHOLD
 from exumi_data.ticks import DEFAULT_TICK_S, image_tolerance_ns, max_gap_ns, tick_times_ns
 from exumi_data.time import nearest_indices
+from exumi_loaders.at_hand import Observed, at_hand, first_instant_ns, observation_times_ns
+from exumi_loaders.calibration import calibration_digest
+from exumi_loaders.layout import Layout
+from exumi_loaders.timeline_cache import cache_key, load_timeline, save_timeline
 
-__all__ = ["Layout", "Timeline", "TimelineSettings", "build_timeline"]
+__all__ = ["Timeline", "TimelineSettings", "build_timeline"]
 
-_VERSION = 1
-_FIRST_STEP, _LAST_STEP = -15, 16
-_FUTURE_STEPS = (4, 8, 12, 16)
 _MANY_EPISODES = 2000
 
 
@@ -48,14 +44,25 @@ class TimelineSettings:
     max_gap_s : float or None
         Longest stretch that poses and widths are interpolated over. Default: 0.1 s, or 2.5 median
         sample intervals if that is longer.
-    active_above : float
-        A tactile frame is active above this activity (format.md: 10⁻³ on one finger's image).
+    active_above : float or None
+        A tactile frame is active above this activity. Default: what is stored with the activity
+        of each stream (10⁻³ on one finger's image, 5·10⁻⁴ on both fingers' combined one).
+    span : (int, int)
+        First and last step of a window, in ticks around its step 0: any active frame between
+        them makes the window active (`Timeline.active_all`).
+    future_steps : tuple of int
+        The steps whose frames make a window active by `Timeline.active_future`.
+    observed : Observed or None
+        What a policy has at hand at each tick, with which latencies; None does not compute it.
     """
 
     tick_s: Fraction = DEFAULT_TICK_S
     image_tolerance_s: float | None = None
     max_gap_s: float | None = None
-    active_above: float = 1e-3
+    active_above: float | None = None
+    span: tuple[int, int] = (-15, 16)
+    future_steps: tuple[int, ...] = (4, 8, 12, 16)
+    observed: Observed | None = None
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -65,6 +72,8 @@ class TimelineSettings:
             value = getattr(self, name)
             if value is not None and value <= 0:
                 raise UsageError(f"{name} is {value}, not positive")
+        if not self.span[0] <= 0 <= self.span[1]:
+            raise UsageError(f"a window's span is {self.span}, which step 0 is not in")
 
     def tolerance_ns(self, time_ns: np.ndarray) -> int:
         """Return the image tolerance for a stream, nanoseconds.
@@ -92,36 +101,12 @@ class TimelineSettings:
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Which streams windows are made of, and how their frames look: the same in all episodes.
+class _Seen:
+    """What is at hand at each tick of an episode; see `Timeline`."""
 
-    Attributes
-    ----------
-    tactile, rgb : tuple of str
-        Image streams.
-    pose, width : str or None
-    shapes : dict of str to tuple
-        (H, W, C) of each image stream.
-    references : dict of str to bool
-        Whether each tactile stream has a reference image in all episodes.
-    """
-
-    tactile: tuple[str, ...]
-    rgb: tuple[str, ...]
-    pose: str | None
-    width: str | None
-    shapes: dict[str, tuple[int, int, int]] = field(default_factory=dict)
-    references: dict[str, bool] = field(default_factory=dict)
-
-    @property
-    def images(self) -> tuple[str, ...]:
-        """All image streams."""
-        return self.tactile + self.rgb
-
-    @property
-    def streams(self) -> tuple[str, ...]:
-        """All streams."""
-        return self.images + tuple(name for name in (self.pose, self.width) if name)
+    frame: dict[str, np.ndarray] = field(default_factory=dict)
+    low: dict[str, np.ndarray] = field(default_factory=dict)
+    valid: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -131,11 +116,16 @@ class _EpisodeTimeline:
     frame: dict[str, np.ndarray]
     low: dict[str, np.ndarray]
     valid: dict[str, np.ndarray]
+    seen: _Seen
     active_all: np.ndarray | None
     active_future: np.ndarray | None
     shapes: dict[str, tuple[int, int, int]]
     references: dict[str, bool]
     encodings: dict[str, str]
+    children: dict[str, str]
+    parents: dict[str, str]
+    calibrations: dict[str, str]
+    root: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -159,6 +149,17 @@ class Timeline:
         Whether the window around each tick is active; None without stored activity.
     encodings : dict of str to str
         How each image stream is stored: ``encoded``, ``array``, ``video`` or ``mixed``.
+    roots : (E, 32) uint8
+        SHA-256 of each episode's root document, as it was read for the timeline: another one
+        belongs to another revision.
+    seen_frame : dict of str to (T, n) int32
+        Of each image stream the newest frame at hand at each of the n observed steps of a window
+        around each tick; -1 where it is stale. Empty unless ``settings.observed`` is given, as
+        are the next two.
+    seen_low : dict of str to (T, n, 7) float64 or (T, n) float32
+        Of each pose and width stream the newest sample at hand.
+    seen_valid : dict of str to (T, n) bool
+        Whether `seen_low` is not stale.
     """
 
     layout: Layout
@@ -171,11 +172,35 @@ class Timeline:
     active_all: np.ndarray | None
     active_future: np.ndarray | None
     encodings: dict[str, str]
+    roots: np.ndarray
+    seen_frame: dict[str, np.ndarray] = field(default_factory=dict)
+    seen_low: dict[str, np.ndarray] = field(default_factory=dict)
+    seen_valid: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def ticks(self) -> int:
         """Number of ticks in all episodes."""
         return int(self.edges[-1])
+
+    def motion(self, ticks: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Return all poses and widths at some ticks.
+
+        Parameters
+        ----------
+        ticks : (B, S) int64
+            Flat ticks.
+
+        Returns
+        -------
+        values : dict of str to (B, S, 7) float64 or (B, S) float32
+        valid : (B, S) bool
+            Whether all of them are measured there.
+        """
+        values = {name: np.asarray(self.low[name])[ticks] for name in self.layout.low}
+        valid = np.ones(ticks.shape, dtype=bool)
+        for name in self.layout.low:
+            valid &= self.valid[name][ticks]
+        return values, valid
 
     def tick_offset_ns(self, tick: np.ndarray) -> np.ndarray:
         """Return how long after its episode's first tick each tick lies.
@@ -193,65 +218,6 @@ class Timeline:
         return tick_times_ns(tick, self.settings.tick_s)
 
 
-def choose_layout(
-    dataset: Dataset,
-    *,
-    tactile: tuple[str, ...] | None = None,
-    rgb: tuple[str, ...] | None = None,
-    pose: str | None = None,
-    width: str | None = None,
-) -> Layout:
-    """Choose the streams: those named, or all of their kind that every episode has.
-
-    Raises
-    ------
-    UsageError
-        A stream is missing in some episodes, or there is a choice to make.
-    """
-    if not len(dataset):
-        raise UsageError("the selection holds no episodes", where=dataset.path)
-    names: dict[str, dict[str, int]] = {"tactile": {}, "rgb": {}, "pose": {}, "width": {}}
-    for row in dataset.catalog.column("streams").to_pylist():
-        for stream in row:
-            if stream["kind"] in names:
-                kind = names[stream["kind"]]
-                kind[stream["name"]] = kind.get(stream["name"], 0) + 1
-
-    def chosen(kind: str, wanted: tuple[str, ...] | None) -> tuple[str, ...]:
-        there = names[kind]
-        found = tuple(sorted(there)) if wanted is None else wanted
-        for name in found:
-            if there.get(name, 0) != len(dataset):
-                raise UsageError(
-                    f"{there.get(name, 0)} of {len(dataset)} episodes have a {kind} stream "
-                    f"{name!r}",
-                    where=dataset.path,
-                    fix=f"Name the streams to use ({kind}=...), or select episodes that have it: "
-                    f"dataset.select(stream={name!r}).",
-                )
-        return found
-
-    def single(kind: str, wanted: str | None) -> str | None:
-        found = chosen(kind, None if wanted is None else (wanted,))
-        if len(found) > 1:
-            raise UsageError(
-                f"there are {len(found)} {kind} streams: {', '.join(found)}",
-                where=dataset.path,
-                fix=f"Name the one to use: {kind}={found[0]!r}.",
-            )
-        return found[0] if found else None
-
-    layout = Layout(
-        chosen("tactile", tactile),
-        chosen("rgb", rgb),
-        single("pose", pose),
-        single("width", width),
-    )
-    if not layout.images:
-        raise UsageError("no tactile and no rgb stream to make windows of", where=dataset.path)
-    return layout
-
-
 def _episode_timeline(path: str, *, layout: Layout, settings: TimelineSettings) -> _EpisodeTimeline:
     with open_episode(path) as episode:
         return _compute(episode, layout, settings)
@@ -260,7 +226,7 @@ def _episode_timeline(path: str, *, layout: Layout, settings: TimelineSettings) 
 def _compute(episode: Episode, layout: Layout, settings: TimelineSettings) -> _EpisodeTimeline:
     streams = {name: episode[name] for name in layout.streams}
     times = {name: stream.time for name, stream in streams.items()}
-    start, ticks = _span(times, settings.tick_s)
+    start, ticks = _span(times, settings)
     at = start + tick_times_ns(np.arange(ticks), settings.tick_s)
     frame = {
         name: nearest_indices(times[name], at, settings.tolerance_ns(times[name]))
@@ -268,21 +234,25 @@ def _compute(episode: Episode, layout: Layout, settings: TimelineSettings) -> _E
     }
     low: dict[str, np.ndarray] = {}
     valid: dict[str, np.ndarray] = {}
-    for name in (layout.pose, layout.width):
-        if name is not None:
-            low[name], valid[name] = _low_dimensional(streams[name], times[name], at, settings)
-    tactile = [streams[name] for name in layout.tactile]
-    active = _activity(tactile, times, at, frame, settings)
+    for name in layout.low:
+        low[name], valid[name] = _low_dimensional(streams[name], times[name], at, settings)
+    active = _activity(episode, layout.tactile, times, at, frame, settings)
+    frames = {name: streams[name].metadata.frames for name in layout.pose}  # type: ignore[attr-defined]  # pose streams
     return _EpisodeTimeline(
         start,
         ticks,
         frame,
         low,
         valid,
+        _seen(streams, times, at, settings),
         *active,
         {name: _shape(streams[name]) for name in layout.images},
         {name: "reference" in streams[name].metadata.arrays for name in layout.tactile},
         {name: streams[name].metadata.images.encoding for name in layout.images},  # type: ignore[attr-defined]  # image kinds
+        {name: pair.child for name, pair in frames.items()},
+        {name: pair.parent for name, pair in frames.items()},
+        {name: calibration_digest(episode, name) for name in layout.images + layout.pose},
+        np.frombuffer(bytes.fromhex(episode.root_sha256), dtype=np.uint8),
     )
 
 
@@ -291,15 +261,43 @@ def _shape(stream: StreamView) -> tuple[int, int, int]:
     return (images.height, images.width, images.channels)
 
 
-def _span(times: dict[str, np.ndarray], tick_s: Fraction) -> tuple[int, int]:
-    """Return first tick and number of ticks: where all streams overlap."""
+def _span(times: dict[str, np.ndarray], settings: TimelineSettings) -> tuple[int, int]:
+    """Return first tick and number of ticks: where all streams overlap, and are at hand."""
     if any(len(time) == 0 for time in times.values()):
         return 0, 0
-    start = max(int(time[0]) for time in times.values())
+    latency = dict.fromkeys(times, 0)
+    if settings.observed is not None:
+        latency |= settings.observed.latency_ns
+    start = first_instant_ns({name: int(time[0]) for name, time in times.items()}, latency)
     end = min(int(time[-1]) for time in times.values())
     if end < start:
         return 0, 0
-    return start, int(Fraction(end - start, 1_000_000_000) / tick_s) + 1
+    return start, int(Fraction(end - start, 1_000_000_000) / settings.tick_s) + 1
+
+
+def _seen(
+    streams: dict[str, StreamView],
+    times: dict[str, np.ndarray],
+    at: np.ndarray,
+    settings: TimelineSettings,
+) -> _Seen:
+    """Return what is at hand at the observed steps around each tick."""
+    seen, observed = _Seen(), settings.observed
+    if observed is None:
+        return seen
+    start = int(at[0]) if len(at) else 0
+    wanted, _ = observation_times_ns(at, observed.steps, settings.tick_s, start)
+    for name, stream in streams.items():
+        index, fresh = at_hand(
+            times[name], wanted, observed.latency_ns[name], observed.stale_ns[name]
+        )
+        if stream.is_image:
+            seen.frame[name] = np.where(fresh, index, -1).astype(np.int32)
+        else:
+            dtype = np.float64 if stream.kind == "pose" else np.float32
+            seen.low[name] = stream.data[index].astype(dtype)
+            seen.valid[name] = fresh
+    return seen
 
 
 def _low_dimensional(
@@ -316,7 +314,8 @@ def _low_dimensional(
 
 
 def _activity(
-    tactile: list[StreamView],
+    episode: Episode,
+    tactile: tuple[str, ...],
     times: dict[str, np.ndarray],
     at: np.ndarray,
     frame: dict[str, np.ndarray],
@@ -328,27 +327,39 @@ def _activity(
     everywhere = np.zeros(len(at), dtype=bool)
     future = np.zeros(len(at), dtype=bool)
     half = int(settings.tick_s * 500_000_000)
-    span = tick_times_ns(np.array([-_FIRST_STEP, _LAST_STEP]), settings.tick_s)
-    ahead = np.minimum(np.arange(len(at))[:, None] + _FUTURE_STEPS, max(len(at) - 1, 0))
-    for stream in tactile:
-        activity = stream.activity
-        if activity is None:
+    # Ticks are counted from 0: the time before step 0 is the time of as many steps after it.
+    before, after = tick_times_ns(np.abs(np.array(settings.span)), settings.tick_s)
+    ahead = np.arange(len(at))[:, None] + np.array(settings.future_steps, dtype=np.int64)
+    ahead = np.clip(ahead, 0, max(len(at) - 1, 0))
+    for name in tactile:
+        active = _active_frames(episode, name, settings.active_above)
+        if active is None:
             return None, None
-        active = activity > settings.active_above
-        if len(active) != len(times[stream.name]):
-            raise DamagedDataError(
-                f"activity of {stream.name} has {len(active)} values, the stream "
-                f"{len(times[stream.name])} frames",
-                where=stream,
-            )
-        before = np.concatenate(([0], np.cumsum(active)))
-        first = np.searchsorted(times[stream.name], at - span[0] - half, side="left")
-        last = np.searchsorted(times[stream.name], at + span[1] + half, side="right")
-        everywhere |= before[last] > before[first]
+        time = times[name]
+        counted = np.concatenate(([0], np.cumsum(active)))
+        first = np.searchsorted(time, at - before - half, side="left")
+        last = np.searchsorted(time, at + after + half, side="right")
+        everywhere |= counted[last] > counted[first]
         if len(at):
-            at_step = frame[stream.name][ahead]
+            at_step = frame[name][ahead]
             future |= (active[at_step] & (at_step >= 0)).any(axis=1)
     return everywhere, future
+
+
+def _active_frames(episode: Episode, name: str, active_above: float | None) -> np.ndarray | None:
+    """Return which frames of a tactile stream are active, or None without stored activity."""
+    activity = episode[name].activity
+    if activity is None or episode.derived is None:
+        return None
+    if active_above is None:
+        item = episode.derived.items[f"{name}/activity"]
+        active_above = item.parameters.get("active_above", ACTIVE_THRESHOLD)
+        if isinstance(active_above, bool) or not isinstance(active_above, int | float):
+            raise MetadataError(
+                f"active_above of {name}/activity is {active_above!r}, not a number",
+                where=f"{episode.path}/derived",
+            )
+    return np.asarray(activity > active_above)
 
 
 def build_timeline(
@@ -374,11 +385,11 @@ def build_timeline(
     Raises
     ------
     UsageError
-        Frames of a stream differ in size between episodes.
+        Frames of a stream differ in size between episodes, or poses in their child frame.
     """
-    folder = None if cache is None else cache / _key(dataset, layout, settings)
+    folder = None if cache is None else cache / cache_key(dataset, layout, settings)
     if folder is not None:
-        cached = _load(folder, settings)
+        cached = load_timeline(folder, settings)
         if cached is not None:
             return cached
     locations = [dataset.episode_location(index) for index in range(len(dataset))]
@@ -392,7 +403,7 @@ def build_timeline(
         made[outcome.item] = outcome.value
     timeline = _join(dataset, [made[path] for path in locations], layout, settings)
     if folder is not None:
-        _save(timeline, folder)
+        save_timeline(timeline, folder)
     return timeline
 
 
@@ -412,6 +423,15 @@ def _join(
                     where=dataset.path,
                     fix="Make frames of one size first: exumi prepare SRC DST --size 224",
                 )
+        for name, child in part.children.items():
+            if child != first.children[name]:
+                raise UsageError(
+                    f"{name} is the pose of {child!r} in episode {dataset.ids[index]} and of "
+                    f"{first.children[name]!r} in {dataset.ids[0]}: their relative actions are "
+                    "not the same thing",
+                    where=dataset.path,
+                    fix="Select episodes of one tool frame.",
+                )
     references = {name: all(part.references[name] for part in parts) for name in layout.tactile}
     encodings = {}
     for name in layout.images:
@@ -422,101 +442,41 @@ def _join(
         there = [value for value in values if value is not None]
         return np.concatenate(there) if len(there) == len(values) else None
 
-    low = [name for name in (layout.pose, layout.width) if name is not None]
     return Timeline(
-        Layout(layout.tactile, layout.rgb, layout.pose, layout.width, first.shapes, references),
+        replace(
+            layout,
+            shapes=first.shapes,
+            references=references,
+            children=first.children,
+            parents=_first_with(dataset, [part.parents for part in parts]),
+            calibrations=_first_with(dataset, [part.calibrations for part in parts]),
+            common_parent=all(len(set(part.parents.values())) <= 1 for part in parts),
+        ),
         settings,
         np.concatenate(([0], np.cumsum([part.ticks for part in parts]))).astype(np.int64),
         np.array([part.start_ns for part in parts], dtype=np.int64),
         {name: np.concatenate([part.frame[name] for part in parts]) for name in layout.images},
-        {name: np.concatenate([part.low[name] for part in parts]) for name in low},
-        {name: np.concatenate([part.valid[name] for part in parts]) for name in low},
+        {name: np.concatenate([part.low[name] for part in parts]) for name in layout.low},
+        {name: np.concatenate([part.valid[name] for part in parts]) for name in layout.low},
         joined([part.active_all for part in parts]),
         joined([part.active_future for part in parts]),
         encodings,
+        np.stack([part.root for part in parts]),
+        *(
+            {name: np.concatenate([seen[name] for seen in group]) for name in group[0]}
+            for group in (
+                [part.seen.frame for part in parts],
+                [part.seen.low for part in parts],
+                [part.seen.valid for part in parts],
+            )
+        ),
     )
 
 
-# The cache: one folder of plain .npy files and a small JSON document.
-
-
-def default_cache() -> Path:
-    """Return the cache folder: ``$EXUMI_CACHE``, or the user's own cache folder."""
-    import platformdirs  # used here alone
-
-    chosen = os.environ.get("EXUMI_CACHE")
-    base = Path(chosen) if chosen else platformdirs.user_cache_path("exumi-data", appauthor=False)
-    return base / "windows"
-
-
-def _key(dataset: Dataset, layout: Layout, settings: TimelineSettings) -> str:
-    document = {
-        "version": _VERSION,
-        "dataset": dataset.fingerprint,
-        "streams": [layout.tactile, layout.rgb, layout.pose, layout.width],
-        "settings": {key: str(value) for key, value in asdict(settings).items()},
-    }
-    return sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:40]
-
-
-def _save(timeline: Timeline, folder: Path) -> None:
-    arrays: dict[str, np.ndarray] = {"edges": timeline.edges, "start_ns": timeline.start_ns}
-    for group in ("frame", "low", "valid"):
-        arrays |= {f"{group}.{k}": v for k, v in getattr(timeline, group).items()}
-    if timeline.active_all is not None and timeline.active_future is not None:
-        arrays["active_all"] = timeline.active_all
-        arrays["active_future"] = timeline.active_future
-    layout = timeline.layout
-    document = {"layout": asdict(layout), "encodings": timeline.encodings, "arrays": list(arrays)}
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=".partial-", dir=folder.parent))
-    except OSError:
-        return  # a cache that cannot be written is no reason to stop
-    try:
-        for name, array in arrays.items():
-            np.save(temporary / f"{name}.npy", array, allow_pickle=False)
-        (temporary / "timeline.json").write_text(json.dumps(document))
-        temporary.rename(folder)
-    except OSError:
-        shutil.rmtree(temporary, ignore_errors=True)  # another process was first, or no space
-
-
-def _load(folder: Path, settings: TimelineSettings) -> Timeline | None:
-    try:
-        document: dict[str, Any] = json.loads((folder / "timeline.json").read_text())
-        arrays = {
-            name: np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False)
-            for name in document["arrays"]
-        }
-        made = document["layout"]
-        layout = Layout(
-            tuple(made["tactile"]),
-            tuple(made["rgb"]),
-            made["pose"],
-            made["width"],
-            {name: tuple(shape) for name, shape in made["shapes"].items()},
-            made["references"],
-        )
-    except (OSError, ValueError, KeyError, TypeError):
-        return None  # not there, or not whole: computed anew
-
-    def group(prefix: str) -> dict[str, np.ndarray]:
-        return {
-            name.removeprefix(f"{prefix}."): array
-            for name, array in arrays.items()
-            if name.startswith(f"{prefix}.")
-        }
-
-    return Timeline(
-        layout,
-        settings,
-        arrays["edges"],
-        arrays["start_ns"],
-        group("frame"),
-        group("low"),
-        group("valid"),
-        arrays.get("active_all"),
-        arrays.get("active_future"),
-        document["encodings"],
-    )
+def _first_with(dataset: Dataset, parts: list[dict[str, str]]) -> dict[str, dict[str, str]]:
+    """Return of each stream every value that it has, and the first episode that has it."""
+    found: dict[str, dict[str, str]] = {name: {} for name in parts[0]}
+    for episode_id, part in zip(dataset.ids, parts, strict=True):
+        for name, value in part.items():
+            found[name].setdefault(value, episode_id)
+    return found

@@ -1,81 +1,89 @@
 """Windows for Tactile Prediction Pretraining (exUMI)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, SupportsIndex
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import torch
-from torch.utils.data import DataLoader, Dataset, Sampler
 
 from exumi_data.errors import UsageError
-from exumi_data.splits import split_ids
 from exumi_data.ticks import DEFAULT_TICK_S
-from exumi_loaders.actions import relative_actions
-from exumi_loaders.buffers import BatchBuffers
-from exumi_loaders.device.jpeg_frames import JpegPacker
-from exumi_loaders.draws import history_steps
-from exumi_loaders.readers import FrameReaders
-from exumi_loaders.sampler import WindowIndex, WindowSampler
-from exumi_loaders.timeline import (
-    TimelineSettings,
-    build_timeline,
-    choose_layout,
-    default_cache,
+from exumi_loaders.actions import (
+    action_columns,
+    between_columns,
+    between_grippers,
+    relative_actions,
+    relative_to_start,
 )
+from exumi_loaders.buffers import ItemSpec
+from exumi_loaders.draws import history_steps, normal
+from exumi_loaders.episode_windows import EpisodeWindows
+from exumi_loaders.layout import Names, choose_layout
+from exumi_loaders.masks import Mask, make_masks
+from exumi_loaders.options import one_of
+from exumi_loaders.steps import WindowSteps
+from exumi_loaders.timeline import TimelineSettings
+from exumi_loaders.window_frames import OnCorrupt
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset as EpisodeDataset
 
 __all__ = ["TPPWindows"]
 
-STEPS = np.arange(-15, 17)
-"""Action steps of a window, in ticks: 16 of history (with 0) and 16 of future."""
-_HISTORY = STEPS[:16]
-_FIXED_HISTORY = np.array([-12, -8, -4, 0])
-_FUTURE = np.array([4, 8, 12, 16])
-
-# Tensors, or JpegFrames in place of images.
-Item = dict[str, Any]
+_NOISE = 20  # a purpose of draws, see draws.py
 
 
-def _as_is(batch: Any) -> Any:
-    """Collate function of the loader: ``__getitems__`` has filled the batch already."""
-    return batch
+class TPPWindows(EpisodeWindows):
+    """Windows of tactile frames, RGB frames and relative actions on a common timeline.
 
-
-class TPPWindows(Dataset[Item]):
-    """Windows of tactile frames, one RGB frame and relative actions on a common timeline.
-
-    A window lies around one tick, its step 0. It holds
+    A window lies around one tick, its step 0. With the defaults, which are the paper's, it holds
 
     - 8 frames of each tactile stream: 4 of the history (drawn without replacement from steps
       −15..0, ascending) and 4 of the future (steps 4, 8, 12, 16);
     - 1 frame of each RGB stream, at step 0;
-    - actions at steps −15..16: ``inv(T_0)·T_t`` as xyz and the first two rows of its rotation
-      matrix, and the absolute gripper width: 10 numbers (9 without width, 1 without pose).
+    - actions at steps −15..16: of each gripper ``inv(T_0)·T_t`` as xyz and the first two rows of
+      its rotation matrix, and its absolute width: 10 numbers (9 without width, 1 without pose);
+    - with several grippers, where the others are as seen from the first one at step 0;
+    - on request, proprioception: poses of the history relative to a noisy start pose.
 
-    Every item is a dict of tensors (a batch has one more axis in front):
+    Every item is a dict of tensors (a batch has one more axis in front). K = 8 tactile frames,
+    S = 32 steps, H = 16 of them history, G grippers with pose and width:
 
-    ======================  =======================  =========================================
-    key                     shape, dtype             meaning
-    ======================  =======================  =========================================
-    ``<image stream>``      (K, C, H, W) uint8       frames, K = 8 tactile or 1 RGB
-    ``<stream>_valid``      (K,) bool                a frame lies within the tolerance
-    ``<stream>_reference``  (C, H, W) uint8          image without contact (tactile)
-    ``tactile_steps``       (8,) int64               step of each tactile frame
-    ``action``              (32, 10) float32         metres, rotation rows, metres
-    ``action_valid``        (32,) bool               no sample gap there, and no padding
-    ``padding``             (32,) bool               the step lies outside the episode
-    ``valid``               () bool                  everything above is valid, nothing padded
-    ``episode``             () int64                 position in ``windows.episodes``
-    ``time_ns``             () int64                 time of step 0 since the episode's start
-    ======================  =======================  =========================================
+    =========================  =======================  =========================================
+    key                        shape, dtype             meaning
+    =========================  =======================  =========================================
+    ``<image stream>``         (K, C, H, W) uint8       frames; of a camera, one for each RGB step;
+                                                        `JpegFrames` with ``decode="device"``
+    ``<stream>_valid``         (K,) bool                a frame is there: near enough, not masked,
+                                                        not damaged
+    ``<stream>_reference``     (C, H, W) uint8          image without contact (tactile)
+    ``tactile_steps``          (K,) int64               step of each tactile frame
+    ``action``                 (S, 10·G) float32        `action_columns`
+    ``action_valid``           (S,) bool                measured there (no sample gap), inside the
+                                                        episode, and not masked
+    ``between``                (S, 9·(G−1)) float32     `between_columns`; of several poses only
+    ``between_valid``          (S,) bool                as ``action_valid``
+    ``proprioception``         (H, 10·G) float32        `action_columns`, relative to the start
+    ``proprioception_valid``   (H,) bool                as ``action_valid``
+    ``<modality>_masked``      () bool                  the modality was left out on purpose:
+                                                        ``tactile_history``, ``rgb``, ``action``,
+                                                        ``proprioception``
+    ``padding``                (S,) bool                the step lies outside the episode
+    ``valid``                  () bool                  everything that is not masked is valid,
+                                                        nothing padded
+    ``episode``                () int64                 position in ``windows.episodes``
+    ``time_ns``                () int64                 time of step 0 since the episode's start
+    ``replaced``               () int64                 damaged windows that this one stands for
+                                                        (``on_corrupt="skip"`` only)
+    ``substituted``            () int64                 damaged frames that are black
+                                                        (``on_corrupt="substitute"`` only)
+    =========================  =======================  =========================================
 
     Keys of streams that the dataset does not have are not there. Steps outside the episode repeat
     its first or last tick and are marked in ``padding``; a frame with no neighbour within the
-    tolerance is black and marked in ``<stream>_valid``.
+    tolerance is black and marked in ``<stream>_valid``. What is masked is zero (also rotations)
+    and never decoded.
 
     Parameters
     ----------
@@ -88,17 +96,24 @@ class TPPWindows(Dataset[Item]):
         What is kept together by a split made on the fly.
     split_ratio : (int, int)
         Train to val; 15:1 in exUMI.
-    tactile, rgb : sequence of str, optional
-        Image streams; default all of the kind. An empty sequence takes none.
-    pose, width : str, optional
-        Default: the only one of its kind.
+    tactile, rgb, pose, width : str or sequence of str, optional
+        Streams in the wanted order; default all of the kind, sorted by name. An empty sequence
+        takes none.
     grey_tactile : bool
         Give one channel (luma) of tactile frames that are stored in colour.
     decode : {"cpu", "device"}
         ``device`` leaves JPEG files as they are (`JpegFrames` in place of images), for
-        `exumi_loaders.device.DecodeJpeg`. Frames that are stored otherwise are images all the same.
+        `exumi_loaders.device.DecodeJpeg`. Frames that are stored otherwise, and references, are
+        images all the same.
+    history, future : int
+        Steps of history (step 0 is its last) and of future, in ticks.
+    history_frames, future_frames : int
+        Tactile frames of each. Those of the future lie at every ``future // future_frames``-th
+        step.
     random_history : bool
-        False takes steps −12, −8, −4, 0.
+        False takes every ``history // history_frames``-th step up to 0: −12, −8, −4, 0.
+    rgb_steps : sequence of int
+        Steps at which there is a frame of each camera.
     edges : {"pad", "drop"}
         Whether every tick is the step 0 of a window, or only those whose steps all lie within
         the episode (an episode that is too short for any gives one padded window at its middle).
@@ -107,13 +122,32 @@ class TPPWindows(Dataset[Item]):
     activity : {"all", "future"}
         What makes a window active: any tactile frame of its span, or one at a future step.
     tick_s : fractions.Fraction or float
-        Distance of two ticks; default 3/59.94 s.
+        Distance of two ticks, which is the rate of actions; default 3/59.94 s.
     image_tolerance_s, max_gap_s : float, optional
         See `TimelineSettings`.
-    active_above : float
-        Activity above which a frame is active.
+    active_above : float, optional
+        Activity above which a frame is active; default what is stored with the activity.
+    mask : {"none", "action", "rgb", "action+rgb", "tactile_history"}
+        What all windows leave out: the five inputs that exUMI compares. ``action`` takes
+        proprioception along, which tells of the same motion.
+    dropout : mapping of str to float, optional
+        Probability that a modality (``tactile_history``, ``rgb``, ``action``,
+        ``proprioception``) is left out of a window, each on its own.
+    proprioception : bool
+        Give poses of the history relative to the episode's first, which noise was added to.
+    start_noise_m, start_noise_rad : float
+        Standard deviation of that noise along and about each axis (UMI: 0.05 both). It is drawn
+        anew for each window and gripper; 0 leaves the start as it is.
+    on_corrupt : {"raise", "skip", "substitute"}
+        What happens at damaged data. ``raise``: an error that names episode, stream and frame.
+        ``skip``: another window that is as active takes the place (drawn by seed, epoch and
+        index), and ``replaced`` counts the damaged ones; batches keep their size. ``substitute``:
+        the frame is black, marked in ``<stream>_valid`` and counted in ``substituted``. A dataset
+        that changed since it was opened is an error in any case. With ``decode="device"`` what is
+        wrong with a file's checksum, header, size or number of scans is damage; what only decoding
+        finds out is an error of `DecodeJpeg`.
     seed : int
-        Of history draws and splits. Draws are a pure function of (seed, epoch, index).
+        Of draws and splits. Draws are a pure function of (seed, epoch, index).
     cache : bool or path
         Keep the timelines in the user's cache folder (default), in a given folder, or nowhere.
 
@@ -137,287 +171,229 @@ class TPPWindows(Dataset[Item]):
         split: str | None = None,
         split_by: Literal["episode", "object", "part"] = "episode",
         split_ratio: tuple[int, int] = (15, 1),
-        tactile: Sequence[str] | None = None,
-        rgb: Sequence[str] | None = None,
-        pose: str | None = None,
-        width: str | None = None,
+        tactile: Names = None,
+        rgb: Names = None,
+        pose: Names = None,
+        width: Names = None,
         grey_tactile: bool = False,
         decode: Literal["cpu", "device"] = "cpu",
+        history: int = 16,
+        future: int = 16,
+        history_frames: int = 4,
+        future_frames: int = 4,
         random_history: bool = True,
+        rgb_steps: Sequence[int] = (0,),
         edges: Literal["pad", "drop"] = "pad",
         stride: int = 1,
         activity: Literal["all", "future"] = "all",
         tick_s: Fraction | float = DEFAULT_TICK_S,
         image_tolerance_s: float | None = None,
         max_gap_s: float | None = None,
-        active_above: float = 1e-3,
+        active_above: float | None = None,
+        mask: Mask = "none",
+        dropout: Mapping[str, float] | None = None,
+        proprioception: bool = False,
+        start_noise_m: float = 0.05,
+        start_noise_rad: float = 0.05,
+        on_corrupt: OnCorrupt = "raise",
         seed: int = 0,
         cache: bool | str | Path = True,
     ) -> None:
-        _one_of("edges", edges, ("pad", "drop"))
-        _one_of("decode", decode, ("cpu", "device"))
-        _one_of("activity", activity, ("all", "future"))
-        if stride < 1:
-            raise UsageError(f"stride is {stride}, not a positive number of ticks")
-        if split is not None:
-            ids = split_ids(dataset, split, by=split_by, ratio=split_ratio, seed=seed)
-            dataset = dataset.select(ids)
-        self.episodes = dataset
-        self.epoch = 0
-        self._seed = seed
+        super().__init__(edges=edges, stride=stride, on_corrupt=on_corrupt, seed=seed)
+        one_of("decode", decode, ("cpu", "device"))
+        one_of("activity", activity, ("all", "future"))
+        if not (0 <= start_noise_m < np.inf and 0 <= start_noise_rad < np.inf):
+            raise UsageError("start_noise_m and start_noise_rad are to be finite and not negative")
+        self.steps = WindowSteps(history, future, history_frames, future_frames, tuple(rgb_steps))
+        if activity == "future" and not future_frames:
+            raise UsageError('activity="future" needs frames of the future (future_frames)')
+        self._select(dataset, split, split_by, split_ratio)
         self._random_history = random_history
         self._activity = activity
-        layout = choose_layout(
-            dataset,
-            tactile=None if tactile is None else tuple(tactile),
-            rgb=None if rgb is None else tuple(rgb),
-            pose=pose,
-            width=width,
-        )
+        self._noise = np.repeat([start_noise_m, start_noise_rad], 3)
+        layout = choose_layout(self.episodes, tactile=tactile, rgb=rgb, pose=pose, width=width)
         settings = TimelineSettings(
-            Fraction(tick_s).limit_denominator(10**9), image_tolerance_s, max_gap_s, active_above
+            Fraction(tick_s).limit_denominator(10**9),
+            image_tolerance_s,
+            max_gap_s,
+            active_above,
+            (self.steps.first, self.steps.last),
+            tuple(self.steps.tactile_future.tolist()),
         )
-        folder = default_cache() if cache is True else Path(cache) if cache else None
-        self.timeline = build_timeline(dataset, layout, settings, cache=folder)
-        self.layout = self.timeline.layout
-        self._channels = {
-            name: 1 if grey_tactile and name in self.layout.tactile else shape[2]
-            for name, shape in self.layout.shapes.items()
+        self._open(layout, settings, cache)
+        self._proprioception = proprioception
+        if proprioception and not self.layout.pose:
+            raise UsageError("proprioception needs a pose stream", where=self.episodes.path)
+        self._modalities = self._choose_modalities()
+        self._masks = make_masks(mask, dropout, self._modalities)
+        self._spec = self._make_spec(grey_tactile=grey_tactile, as_files=decode == "device")
+
+    def _choose_modalities(self) -> tuple[str, ...]:
+        there = {
+            "tactile_history": bool(self.layout.tactile),
+            "rgb": bool(self.layout.rgb),
+            "action": bool(self.layout.low),
+            "proprioception": self._proprioception,
         }
-        self._anchors, self._episode = _anchors(self.timeline.edges, edges, stride)
-        encodings = self.timeline.encodings if decode == "device" else {}
-        self._as_files = {name for name, kind in encodings.items() if kind == "encoded"}
-        self._readers = FrameReaders(dataset, self.timeline.encodings)
-        self._buffers = BatchBuffers()
+        return tuple(name for name, is_there in there.items() if is_there)
 
-    def __len__(self) -> int:
-        return len(self._anchors)
-
-    def __repr__(self) -> str:
-        streams = ", ".join(self.layout.streams)
-        return f"<TPPWindows: {len(self)} windows of {len(self.episodes)} episodes ({streams})>"
+    def _make_spec(self, *, grey_tactile: bool, as_files: bool) -> dict[str, ItemSpec]:
+        layout, steps = self.layout, self.steps
+        tactile = steps.history_frames + steps.future_frames
+        spec: dict[str, ItemSpec] = {}
+        for name in layout.images:
+            height, width, channels = layout.shapes[name]
+            is_tactile = name in layout.tactile
+            size = (height, width, 1 if grey_tactile and is_tactile else channels)
+            count = tactile if is_tactile else len(steps.rgb)
+            files = as_files and self.timeline.encodings[name] == "encoded"
+            spec[name] = ItemSpec((count, *size), "uint8", image=True, files=files)
+            spec[f"{name}_valid"] = ItemSpec((count,), "bool")
+            if layout.references.get(name, False):
+                spec[f"{name}_reference"] = ItemSpec(size, "uint8", image=True)
+        if layout.tactile:
+            spec["tactile_steps"] = ItemSpec((tactile,), "int64")
+        columns = len(self.action_columns)
+        motion = []
+        if layout.low:
+            motion.append(("action", len(steps.all), columns))
+        if len(layout.pose) > 1:
+            motion.append(("between", len(steps.all), len(self.between_columns)))
+        if self._proprioception:
+            motion.append(("proprioception", steps.history, columns))
+        for name, length, width in motion:
+            spec[name] = ItemSpec((length, width), "float32")
+            spec[f"{name}_valid"] = ItemSpec((length,), "bool")
+        for name in self._modalities:
+            spec[f"{name}_masked"] = ItemSpec((), "bool")
+        spec["padding"] = ItemSpec((len(steps.all),), "bool")
+        spec["valid"] = ItemSpec((), "bool")
+        spec["episode"] = ItemSpec((), "int64")
+        spec["time_ns"] = ItemSpec((), "int64")
+        counted = {"skip": "replaced", "substitute": "substituted"}.get(self._on_corrupt)
+        if counted:
+            spec[counted] = ItemSpec((), "int64")
+        return spec
 
     @property
-    def active(self) -> np.ndarray:
-        """(len(self),) bool: which windows are active, from stored activity.
+    def spec(self) -> Mapping[str, ItemSpec]:
+        """Shape and type of each key of an item."""
+        return self._spec
 
-        Raises
-        ------
-        UsageError
-            Not all episodes have stored activity.
-        """
-        timeline = self.timeline
-        flags = timeline.active_all if self._activity == "all" else timeline.active_future
-        if flags is None:
-            raise UsageError(
-                "not all episodes have stored tactile activity",
-                where=self.episodes.path,
-                fix="Convert or prepare them with exUMI Data, which computes it once.",
-            )
-        return np.asarray(flags[self._anchors])
+    @property
+    def alike(self) -> Mapping[str, object]:
+        """What windows must have in common with others to be mixed, beside their shapes."""
+        return {
+            "tick_s": self.timeline.settings.tick_s,
+            "steps": self.steps,
+            "action_columns": self.action_columns,
+            "child frames": self.layout.children,
+        }
 
-    def set_epoch(self, epoch: int) -> None:
-        """Set the epoch of plain integer indices (a `WindowIndex` names its own).
+    @property
+    def action_columns(self) -> tuple[str, ...]:
+        """Name of each column of ``action``: one gripper after the other, pose then width."""
+        return action_columns(self.layout)
 
-        Parameters
-        ----------
-        epoch : int
-        """
-        self.epoch = epoch
+    @property
+    def between_columns(self) -> tuple[str, ...]:
+        """Name of each column of ``between``."""
+        return between_columns(self.layout)
 
-    def __getitem__(self, index: SupportsIndex | WindowIndex) -> Item:
-        batch = self.__getitems__([index])
-        return {name: value[0] for name, value in batch.items()}
-
-    def __getitems__(self, indices: Sequence[SupportsIndex | WindowIndex]) -> Item:
-        """Fill one batch: no item is made on its own and collated.
-
-        Parameters
-        ----------
-        indices : sequence of int or WindowIndex
-
-        Returns
-        -------
-        dict of str to Tensor
-            Each with a first axis of ``len(indices)``.
-        """
-        epochs, chosen = self._resolve(indices)
-        episode = self._episode[chosen]
-        anchor = self._anchors[chosen]
-        first = self.timeline.edges[episode]
-        last = self.timeline.edges[episode + 1] - 1
-
-        def ticks(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """Return flat ticks of some steps, and which lie outside the episode."""
-            wanted = anchor[:, None] + steps
-            inside = np.clip(wanted, first[:, None], last[:, None])
-            return inside, wanted != inside
-
-        batch: Item = {}
-        complete = np.ones(len(chosen), dtype=bool)
-        if self.layout.tactile:
-            steps = self._tactile_steps(epochs, chosen)
-            at, _ = ticks(steps)
-            for name in self.layout.tactile:
-                complete &= self._add_frames(batch, name, episode, at)
-            batch["tactile_steps"] = torch.from_numpy(steps)
-        for name in self.layout.rgb:
-            complete &= self._add_frames(batch, name, episode, anchor[:, None])
-        at, padding = ticks(STEPS[None])
+    def _fill(
+        self, arrays: Mapping[str, np.ndarray], rows: np.ndarray, epochs: np.ndarray, at: np.ndarray
+    ) -> np.ndarray:
+        """Fill rows; return how many frames of each are damaged, (R,) int."""
+        timeline, layout, steps = self.timeline, self.layout, self.steps
+        episode = self._episode[at]
+        masked = {name: self._masks.draw(name, self._seed, epochs, at) for name in self._modalities}
+        for name, values in masked.items():
+            arrays[f"{name}_masked"][rows] = values
+        complete = np.ones(len(at), dtype=bool)
+        damaged = np.zeros(len(at), dtype=np.int64)
+        if layout.tactile:
+            tactile_steps = self._tactile_steps(epochs, at)
+            arrays["tactile_steps"][rows] = tactile_steps
+            hidden = np.zeros(tactile_steps.shape, dtype=bool)
+            hidden[:, : steps.history_frames] = masked["tactile_history"][:, None]
+            flat, _ = self._ticks(at, tactile_steps)
+            for name in layout.tactile:
+                good, bad = self._add_unmasked(arrays, name, rows, at, flat, hidden)
+                complete &= good
+                damaged += bad
+        if layout.rgb:
+            flat, _ = self._ticks(at, np.array(steps.rgb))
+            hidden = np.repeat(masked["rgb"][:, None], len(steps.rgb), axis=1)
+            for name in layout.rgb:
+                good, bad = self._add_unmasked(arrays, name, rows, at, flat, hidden)
+                complete &= good
+                damaged += bad
+        flat, padding = self._ticks(at, steps.all)
         complete &= ~padding.any(axis=1)
-        if self.layout.pose or self.layout.width:
-            action, valid = relative_actions(self.timeline, at, zero=len(_HISTORY) - 1)
-            valid &= ~padding
-            complete &= valid.all(axis=1)
-            batch["action"] = torch.from_numpy(action)
-            batch["action_valid"] = torch.from_numpy(valid)
-        batch["padding"] = torch.from_numpy(padding)
-        batch["valid"] = torch.from_numpy(complete)
-        batch["episode"] = torch.from_numpy(episode)
-        offset = self.timeline.tick_offset_ns(anchor - first)
-        batch["time_ns"] = torch.from_numpy(self.timeline.start_ns[episode] + offset)
-        return batch
-
-    def _resolve(
-        self, indices: Sequence[SupportsIndex | WindowIndex]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        epochs = np.empty(len(indices), dtype=np.int64)
-        chosen = np.empty(len(indices), dtype=np.int64)
-        for position, item in enumerate(indices):
-            if isinstance(item, WindowIndex):
-                epochs[position], index = item
-            else:
-                epochs[position], index = self.epoch, item.__index__()
-            if not -len(self) <= index < len(self):
-                msg = f"window {index} of {len(self)}"
-                raise IndexError(msg)
-            chosen[position] = index % len(self)
-        return epochs, chosen
+        if layout.low:
+            action = relative_actions(timeline, flat, zero=steps.zero)
+            complete &= _put(arrays, "action", rows, *action, padding, masked["action"])
+        if len(layout.pose) > 1:
+            between = between_grippers(timeline, flat, zero=steps.zero)
+            complete &= _put(arrays, "between", rows, *between, padding, masked["action"])
+        if self._proprioception:
+            count = len(layout.pose)
+            drawn = normal(self._seed, epochs, at, count * 6, purpose=_NOISE)
+            noise = drawn.reshape(-1, count, 6) * self._noise
+            past = slice(None, steps.history)
+            known = relative_to_start(timeline, flat[:, past], timeline.edges[episode], noise)
+            hidden = masked["proprioception"]
+            complete &= _put(arrays, "proprioception", rows, *known, padding[:, past], hidden)
+        arrays["padding"][rows] = padding
+        arrays["valid"][rows] = complete
+        arrays["episode"][rows] = episode
+        arrays["time_ns"][rows] = self._time_ns(at)
+        return damaged
 
     def _tactile_steps(self, epochs: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        steps, count = self.steps, self.steps.history_frames
         if self._random_history:
-            history = history_steps(self._seed, epochs, chosen, steps=_HISTORY, count=4)
+            history = history_steps(self._seed, epochs, chosen, steps=steps.past, count=count)
         else:
-            history = np.broadcast_to(_FIXED_HISTORY, (len(chosen), 4))
-        future = np.broadcast_to(_FUTURE, (len(chosen), 4))
+            history = np.broadcast_to(steps.fixed_history, (len(chosen), count))
+        future = np.broadcast_to(steps.tactile_future, (len(chosen), steps.future_frames))
         return np.concatenate((history, future), axis=1)
 
-    def _add_frames(
-        self, batch: Item, name: str, episode: np.ndarray, at: np.ndarray
-    ) -> np.ndarray:
-        """Decode the frames nearest to ticks `at` (B, K) into one buffer.
-
-        Returns
-        -------
-        (B,) bool
-            Whether all frames of each window are there.
-        """
-        frames = self.timeline.frame[name][at]
-        height, width, _ = self.layout.shapes[name]
-        size = (height, width, self._channels[name])
-        # One buffer for the batch, in the order that JPEG decoders write: torch sees it as
-        # channels-last images without a copy.
-        files = JpegPacker(frames.shape, size) if name in self._as_files else None
-        shape = (*frames.shape, *size)
-        buffer, out = self._buffers.take(shape if files is None else (0, *shape[1:]))
-        references = reference_out = None
-        if self.layout.references.get(name, False):
-            references, reference_out = self._buffers.take((len(frames), *size))
-        complete = np.asarray((frames >= 0).all(axis=1))
-        for position, (number, wanted) in enumerate(zip(episode, frames, strict=True)):
-            source, reference = self._readers.get(int(number), name)
-            if files is not None:
-                files.add(position, int(number), source, wanted.tolist())
-            elif complete[position]:
-                source.read_into(wanted.tolist(), out[position])
-            else:
-                out[position] = 0
-                for k in np.flatnonzero(wanted >= 0):
-                    source.read_into(wanted[k : k + 1], out[position, k : k + 1])
-            if reference_out is not None and reference is not None:
-                reference_out[position] = _like(reference, size[2])
-        batch[name] = buffer.movedim(-1, -3) if files is None else files.packed()
-        batch[f"{name}_valid"] = torch.from_numpy(frames >= 0)
-        if references is not None:
-            batch[f"{name}_reference"] = references.movedim(-1, -3)
-        return complete
-
-    def loader(
+    def _add_unmasked(  # where from, where to
         self,
-        batch_size: int,
-        *,
-        shuffle: bool = True,
-        reject_inactive: float = 0.0,
-        drop_last: bool = False,
-        num_workers: int = 0,
-        sampler: Sampler[WindowIndex] | None = None,
-        **options: Any,
-    ) -> DataLoader[Item]:
-        """Make a DataLoader whose batches are filled in one buffer.
-
-        Parameters
-        ----------
-        batch_size : int
-        shuffle : bool
-        reject_inactive : float
-            Probability that an inactive window is left out of an epoch; it is never decoded.
-        drop_last : bool
-        num_workers : int
-        sampler : WindowSampler or ActiveWindowSampler, optional
-            Instead of `shuffle` and `reject_inactive`.
-        **options
-            Passed on to `torch.utils.data.DataLoader`.
+        arrays: Mapping[str, np.ndarray],
+        name: str,
+        rows: np.ndarray,
+        at: np.ndarray,
+        ticks: np.ndarray,
+        hidden: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Decode the frames nearest to ticks (R, K), but for the hidden ones.
 
         Returns
         -------
-        torch.utils.data.DataLoader
+        complete : (R,) bool
+            All frames of the window are there, or hidden.
+        damaged : (R,) int
+            How many are damaged.
         """
-        if sampler is None:
-            sampler = WindowSampler(
-                self, shuffle=shuffle, seed=self._seed, reject_inactive=reject_inactive
-            )
-        return DataLoader(
-            self,
-            batch_size=batch_size,
-            sampler=sampler,
-            drop_last=drop_last,
-            num_workers=num_workers,
-            collate_fn=_as_is,
-            **options,
-        )
+        frames = np.where(hidden, -1, self.timeline.frame[name][ticks])
+        there, damaged = self._add_frames(arrays, name, rows, at, frames)
+        return (there | hidden).all(axis=1), damaged
 
 
-def _like(reference: np.ndarray, channels: int) -> np.ndarray:
-    if reference.shape[2] == channels:
-        return reference
-    from exumi_data.tactile import to_grey  # OpenCV, only for mixed channels
-
-    return np.asarray(to_grey(reference)[..., None])
-
-
-def _anchors(edges: np.ndarray, mode: str, stride: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the flat tick of each window's step 0, and its episode; both (W,) int64."""
-    anchors = []
-    owners = []
-    for episode in range(len(edges) - 1):
-        first, end = int(edges[episode]), int(edges[episode + 1])
-        if first == end:
-            continue
-        if mode == "pad":
-            found = np.arange(first, end, stride)
-        else:
-            found = np.arange(first - STEPS[0], end - STEPS[-1], stride)
-            if not len(found):
-                found = np.array([(first + end - 1) // 2])
-        anchors.append(found)
-        owners.append(np.full(len(found), episode))
-    if not anchors:
-        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-    return np.concatenate(anchors).astype(np.int64), np.concatenate(owners).astype(np.int64)
-
-
-def _one_of(name: str, value: str, supported: tuple[str, ...]) -> None:
-    if value not in supported:
-        raise UsageError(
-            f"invalid {name} ({value!r}). Supported values are {', '.join(map(repr, supported))}"
-        )
+def _put(  # what, where, and what is wrong with it
+    arrays: Mapping[str, np.ndarray],
+    name: str,
+    rows: np.ndarray,
+    values: np.ndarray,
+    valid: np.ndarray,
+    padding: np.ndarray,
+    masked: np.ndarray,
+) -> np.ndarray:
+    """Store what was computed of a modality; return which windows have it whole, or masked."""
+    valid = valid & ~padding
+    complete = np.asarray(valid.all(axis=1) | masked)
+    arrays[name][rows] = np.where(masked[:, None, None], np.float32(0), values)
+    arrays[f"{name}_valid"][rows] = valid & ~masked[:, None]
+    return complete

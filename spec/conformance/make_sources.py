@@ -87,8 +87,11 @@ def grey_video() -> bytes:
     return buffer.getvalue()
 
 
-def catalog(files: dict[str, bytes]) -> bytes:
-    """Return the catalog of a dataset of these episodes, as the library writes it."""
+def catalog(files: dict[str, bytes], **columns: list[str]) -> bytes:
+    """Return the catalog of a dataset of these episodes, as the library writes it.
+
+    Columns that are given stand in place of those of the episodes.
+    """
     from exumi_data.catalog import build_catalog, write_catalog
 
     with tempfile.TemporaryDirectory() as folder:
@@ -99,6 +102,9 @@ def catalog(files: dict[str, bytes]) -> bytes:
         table, failed = build_catalog(root, workers=1)
         if failed:
             raise SystemExit(f"the episodes cannot be read: {failed[0].error}")
+        for name, values in columns.items():
+            place = table.schema.get_field_index(name)
+            table = table.set_column(place, table.schema.field(name), [values])
         return write_catalog(root, table).read_bytes()
 
 
@@ -116,6 +122,8 @@ def main() -> int:
     (SOURCES / "catalog.parquet").write_bytes(catalog(episodes()))
     (SOURCES / "catalog_packed.parquet").write_bytes(catalog(packed_episodes()))
     (SOURCES / "catalog_empty.parquet").write_bytes(catalog({}))
+    wrong = catalog(episodes(), regime=["play", "demonstration"])
+    (SOURCES / "catalog_CAT-003__regime.parquet").write_bytes(wrong)
     from corpus.all_cases import invalid
 
     for case in invalid():

@@ -9,8 +9,14 @@ import pytest
 
 from exumi_data.catalog import episode_path
 from exumi_data.episode import open_episode
-from exumi_data.errors import DamagedDataError, MetadataError
-from exumi_data.manifest import MANIFEST_NAME, build_manifest, is_listed, sha256_of
+from exumi_data.errors import DamagedDataError, MetadataError, UsageError
+from exumi_data.manifest import (
+    MANIFEST_NAME,
+    build_manifest,
+    is_listed,
+    sha256_of,
+    write_manifest,
+)
 from exumi_data.model.documents import dump, parse_manifest
 from exumi_data.store.pack import pack
 from exumi_validators import validate
@@ -39,11 +45,6 @@ def dataset(original: Path, tmp_path: Path) -> Path:
     return copy_of(original, tmp_path / "d")
 
 
-def write(root: Path) -> None:
-    document = dump(build_manifest(root))
-    (root / MANIFEST_NAME).write_text(json.dumps(document), "utf-8")
-
-
 def found(root: Path) -> set[str]:
     report = validate(root)
     assert report.coverage.unchecked == ()
@@ -66,14 +67,14 @@ def test_it_lists_every_file_with_its_digest(dataset: Path) -> None:
 
 def test_it_is_the_same_elsewhere_and_does_not_list_itself(dataset: Path, tmp_path: Path) -> None:
     first = dump(build_manifest(dataset))
-    write(dataset)
+    write_manifest(dataset)
     assert dump(build_manifest(copy_of(dataset, tmp_path / "other"))) == first
     raw = (dataset / MANIFEST_NAME).read_bytes()
     assert dump(parse_manifest(raw, "here")) == first
 
 
 def test_a_dataset_agrees_with_its_own_manifest(dataset: Path) -> None:
-    write(dataset)
+    write_manifest(dataset)
     assert found(dataset) == set()
 
 
@@ -107,14 +108,14 @@ SPOILED: dict[str, tuple[Callable[[Path], object], set[str]]] = {
 
 @pytest.mark.parametrize("what", SPOILED)
 def test_whatever_changes_is_found(dataset: Path, what: str) -> None:
-    write(dataset)
+    write_manifest(dataset)
     spoil, codes = SPOILED[what]
     spoil(dataset)
     assert found(dataset) == codes
 
 
 def test_sizes_are_told_without_reading(dataset: Path) -> None:
-    write(dataset)
+    write_manifest(dataset)
     append(dataset, "README.md")
     flip(dataset, "dataset.json")
     assert set(validate(dataset, levels=["hierarchy"]).codes()) == {"CAT-001", "MAN-003"}
@@ -162,3 +163,18 @@ def test_a_file_with_another_key_is_refused() -> None:
     document = {"format": "exumi-manifest", "version": "1.0", "files": [], "episodes": [], "x": 1}
     with pytest.raises(MetadataError, match="unknown key"):
         parse_manifest(json.dumps(document).encode(), "here")
+
+
+def test_it_can_be_written_again(dataset: Path) -> None:
+    first = write_manifest(dataset).read_bytes()
+    (dataset / "README.md").write_text("More clips.\n")
+    assert write_manifest(dataset).read_bytes() != first
+    assert found(dataset) == set()
+
+
+def test_a_link_in_its_place_is_not_replaced(dataset: Path, tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").write_text("mine")
+    (dataset / MANIFEST_NAME).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(UsageError, match="is a link"):
+        write_manifest(dataset)
+    assert (tmp_path / "elsewhere").read_text() == "mine"

@@ -15,6 +15,7 @@ from exumi_data.dataset import create_dataset
 from exumi_data.model import (
     Annotations,
     ArrayImages,
+    CalibrationItem,
     Clock,
     DatasetMetadata,
     EncodedImages,
@@ -36,6 +37,7 @@ class Recipe:
     """What one episode of a test dataset holds. Times in seconds."""
 
     tactile_s: Sequence[float] | None = None
+    tactile: str = "tactile"
     rgb_s: Sequence[float] | None = None
     pose_s: Sequence[float] | None = None
     width_s: Sequence[float] | None = None
@@ -46,7 +48,19 @@ class Recipe:
     channels: int = 1
     side: int = SIDE
     poses: Any = None
+    """(N, 7), or by the name of the stream."""
     extra: dict[str, Sequence[float]] = field(default_factory=dict)
+    extra_rgb: dict[str, Sequence[float]] = field(default_factory=dict)
+    grippers: dict[str, float] = field(default_factory=dict)
+    """Of each side: how far its poses lie beside the known motion, metres."""
+    parents: dict[str, str] = field(default_factory=dict)
+    child: str = "tcp"
+    calibration: dict[str, Any] = field(default_factory=dict)
+    """Values of calibration items."""
+    active_above: float | None = None
+    revision: int = 1
+    shift: int = 0
+    """Added to all pixels."""
 
 
 def numbered(count: int, channels: int = 1, side: int = SIDE) -> np.ndarray:
@@ -59,7 +73,7 @@ def nanoseconds(seconds: Sequence[float]) -> np.ndarray:
     return np.round(np.asarray(seconds) * 1e9).astype(np.int64)
 
 
-def smooth_poses(seconds: Sequence[float]) -> np.ndarray:
+def smooth_poses(seconds: Sequence[float] | np.ndarray) -> np.ndarray:
     """A motion that is known at any time."""
     from scipy.spatial.transform import Rotation
 
@@ -69,12 +83,12 @@ def smooth_poses(seconds: Sequence[float]) -> np.ndarray:
     return np.concatenate((position, turn.as_quat()), axis=1)
 
 
-def width_m(seconds: Sequence[float]) -> np.ndarray:
+def width_m(seconds: Sequence[float] | np.ndarray) -> np.ndarray:
     return 0.05 + 0.01 * np.asarray(seconds)
 
 
 def _images(writer: Any, name: str, kind: str, seconds: Sequence[float], recipe: Recipe) -> None:
-    frames = numbered(len(seconds), recipe.channels, recipe.side)
+    frames = numbered(len(seconds), recipe.channels, recipe.side) + np.uint8(recipe.shift)
     size: Any = {"height": recipe.side, "width": recipe.side, "channels": recipe.channels}
     if recipe.encoded:
         images: Any = EncodedImages(encoding="encoded", media_type="image/jpeg", **size)
@@ -92,34 +106,53 @@ def write_episode(root: Path, number: int, recipe: Recipe) -> str:
     episode_id = str(uuid.uuid5(uuid.NAMESPACE_OID, str(number)))
     metadata = EpisodeMetadata(
         id=episode_id,
+        revision=recipe.revision,
         task=Task(name="test"),
         regime="play",
         licence="CC0-1.0",
         source=Source(type="simulated", tool="tests", tool_version="1"),
+        calibration={
+            name: CalibrationItem(value=value, method="known")
+            for name, value in recipe.calibration.items()
+        },
         annotations=Annotations(part_id=recipe.part, object_id=recipe.object),
     )
     with exumi_data.EpisodeWriter(
         root / episode_path(episode_id), metadata, overwrite=True, durable=False
     ) as writer:
         if recipe.tactile_s is not None:
-            _images(writer, "tactile", "tactile", recipe.tactile_s, recipe)
+            _images(writer, recipe.tactile, "tactile", recipe.tactile_s, recipe)
             if recipe.activity is not None:
                 values = np.asarray(recipe.activity, dtype=np.float32)
-                writer.add_derived("tactile", "activity", values, algorithm="test/1")
+                known = {} if recipe.active_above is None else {"active_above": recipe.active_above}
+                writer.add_derived(
+                    recipe.tactile, "activity", values, algorithm="test/1", parameters=known
+                )
         for name, seconds in recipe.extra.items():
             _images(writer, name, "tactile", seconds, recipe)
         if recipe.rgb_s is not None:
             _images(writer, "rgb", "rgb", recipe.rgb_s, recipe)
-        if recipe.pose_s is not None:
-            stream = writer.add_stream(
-                "pose", kind="pose", clock=CLOCK, frames=Frames(parent="world", child="tcp")
-            )
-            poses = smooth_poses(recipe.pose_s) if recipe.poses is None else recipe.poses
-            stream.append(nanoseconds(recipe.pose_s), poses)
-        if recipe.width_s is not None:
-            stream = writer.add_stream("width", kind="width", clock=CLOCK)
-            stream.append(nanoseconds(recipe.width_s), width_m(recipe.width_s))
+        for name, seconds in recipe.extra_rgb.items():
+            _images(writer, name, "rgb", seconds, recipe)
+        for side, offset in (recipe.grippers or {"": 0.0}).items():
+            _gripper(writer, f"_{side}" if side else "", offset, recipe)
     return episode_id
+
+
+def _gripper(writer: Any, suffix: str, offset: float, recipe: Recipe) -> None:
+    if recipe.pose_s is not None:
+        name = f"pose{suffix}"
+        frames = Frames(parent=recipe.parents.get(name, "world"), child=recipe.child)
+        stream = writer.add_stream(name, kind="pose", clock=CLOCK, frames=frames)
+        if isinstance(recipe.poses, dict):
+            poses = recipe.poses[name]
+        else:
+            poses = smooth_poses(recipe.pose_s) if recipe.poses is None else recipe.poses
+            poses = poses + np.array([offset, 0, 0, 0, 0, 0, 0])
+        stream.append(nanoseconds(recipe.pose_s), poses)
+    if recipe.width_s is not None:
+        stream = writer.add_stream(f"width{suffix}", kind="width", clock=CLOCK)
+        stream.append(nanoseconds(recipe.width_s), width_m(recipe.width_s) + offset / 10)
 
 
 def write_dataset(root: Path, recipes: Sequence[Recipe]) -> exumi_data.Dataset:
@@ -252,3 +285,9 @@ def touch() -> type[Touch]:
 @pytest.fixture(name="rated")
 def rated_labels() -> Callable[..., list[Label]]:
     return rated
+
+
+@pytest.fixture
+def rewrite() -> Callable[[Path, int, Recipe], str]:
+    """Write an episode in the place of the one with the same number."""
+    return write_episode

@@ -82,6 +82,7 @@ def test_only_streams_that_exist_have_keys(make_dataset: Any, recipe: Any) -> No
         "tactile_valid",
         "tactile_reference",
         "tactile_steps",
+        "tactile_history_masked",
         "padding",
         "valid",
         "episode",

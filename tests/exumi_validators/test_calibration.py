@@ -188,7 +188,7 @@ def test_beyond_its_ends_a_map_says_nothing(tmp_path: Path) -> None:
     report = travel(tmp_path / "e.zarr", lambda true: true - 0.005, counts=beyond)
     assert map_codes(report) == []
     reasons = [item.reason for item in report.coverage.skipped if item.code == "CAL-006"]
-    assert reasons == ["no raw value lies on the calibration's map"]
+    assert reasons == ["no readable raw value lies on the calibration's map"]
 
 
 @pytest.mark.parametrize(

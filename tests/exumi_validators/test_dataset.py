@@ -1,8 +1,11 @@
 """Datasets: serial and parallel alike, nothing lost on the way."""
 
+import json
 import shutil
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from exumi_data.catalog import episode_path
@@ -115,3 +118,50 @@ def test_an_empty_path_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     assert validate(".").valid
     with pytest.raises(NotAnEpisodeError, match="empty path"):
         validate("")
+
+
+def test_a_split_may_name_an_episode_that_cannot_be_read(tmp_path: Path) -> None:
+    """It is there, and only damaged: the split need not be made again."""
+    root = write_dataset(tmp_path / "d", 2)
+    (root / "splits").mkdir()
+    lists = {"train": [episode_id(0)], "test": [episode_id(1)]}
+    split = {"format": "exumi-split", "version": "1.0", "name": "a", "level": "episode"}
+    (root / "splits/a.json").write_text(json.dumps({**split, "lists": lists}))
+    document = json.loads((root / "dataset.json").read_text())
+    (root / "dataset.json").write_text(json.dumps({**document, "splits": ["a"]}))
+    assert "SPLIT-004" not in validate(root).codes()
+    (root / episode_path(episode_id(1)) / "zarr.json").write_text("{")
+    found = validate(root).codes()
+    assert found["DOC-001"] == 1
+    assert "SPLIT-004" not in found
+    shutil.rmtree(root / episode_path(episode_id(1)))
+    assert validate(root).codes()["SPLIT-004"] == 1
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "told"),
+    [
+        ("regime", "play", '"play"'),
+        ("task", "x" * 200, "what has sha-256 "),
+        ("licence", None, "nothing"),
+        ("labels", [{"property": "hardness", "number": 3.0, "text": None}], '"number": 3.0'),
+        ("quality", ["dark"], '["dark"]'),
+    ],
+)
+def test_whatever_a_row_holds_of_the_metadata_is_compared(
+    tmp_path: Path, column: str, value: object, told: str
+) -> None:
+    root = write_dataset(tmp_path / "d", 2)
+    assert "CAT-003" not in validate(root, levels=["hierarchy"]).codes()
+    table = pq.read_table(root / "catalog.parquet")
+    values = table[column].to_pylist()
+    values[1] = value
+    field = table.schema.field(column).with_nullable(True)
+    column_at = table.schema.get_field_index(column)
+    pq.write_table(
+        table.set_column(column_at, field, pa.array(values, field.type)), root / "catalog.parquet"
+    )
+    (found,) = [p for p in validate(root, levels=["hierarchy"]).problems if p.code == "CAT-003"]
+    assert found.location.index == 1
+    assert found.message.startswith(f"{column} of ")
+    assert told in found.message

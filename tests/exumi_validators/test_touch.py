@@ -351,8 +351,10 @@ def facts(path: str, level: int, *, start: str | None = None, serial: str = "7")
     return EpisodeFacts(id=path, start=start, references=(reference,))
 
 
-def gel_findings(tmp_path: Path, *found: EpisodeFacts) -> list[tuple[str, str]]:
-    dataset = DatasetContext(tmp_path)
+def gel_findings(
+    tmp_path: Path, *found: EpisodeFacts, limits: dict[str, dict[str, float]] | None = None
+) -> list[tuple[str, str]]:
+    dataset = DatasetContext(tmp_path, limits)
     dataset.facts = {str(item.id): item for item in found}
     return [
         (item.code, item.location.path if isinstance(item, Problem) else item.path)
@@ -364,6 +366,14 @@ def test_a_changed_gel_is_reported_once(tmp_path: Path) -> None:
     levels = [100, 104, 120, 121, 118]
     found = [facts(f"e{i}", level) for i, level in enumerate(levels)]
     assert gel_findings(tmp_path, *found) == [("TACT-012", "e2/streams/tactile/reference")]
+
+
+def test_a_gel_is_judged_by_the_limit_that_was_asked_for(tmp_path: Path) -> None:
+    found = [facts("e0", 100), facts("e1", 112)]
+    limits = {"TACT-012": {"mean_grey_levels": 20.0}}
+    assert gel_findings(tmp_path, *found, limits=limits) == []
+    limits = {"TACT-012": {"mean_grey_levels": 11.0}}
+    assert len(gel_findings(tmp_path, *found, limits=limits)) == 1
 
 
 def test_a_worn_gel_is_found_though_no_step_is_large(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from tests.fuzz.stores import Draft, Special, Store, all_stores
 
 SEED = 0
 COUNT = 500
+LONGEST_S = 5.0  # also where the machine has other things to do
 
 pytestmark = pytest.mark.skipif(
     not Path("/proc/self/clear_refs").exists(),
@@ -85,11 +86,11 @@ def test_what_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(judging, "judge", judge)
     monkeypatch.setattr(running, "spoiled", numbered)
     monkeypatch.setattr(running, "all_stores", list)
-    monkeypatch.setattr(running, "LONGEST_S", 2.0)
+    monkeypatch.setattr(running, "LONGEST_S", LONGEST_S)
     monkeypatch.setattr(running, "MOST_BYTES", resident_bytes() + (100 << 20))
     found = {outcome.number: outcome.mistakes for outcome in run(range(6), seed=0)}
     assert found[0] == found[5] == []
     assert found[1] == ["the process died with code -9"]
-    assert found[2] == ["it took more than 2.0 s, twice"]
+    assert found[2] == [f"it took more than {LONGEST_S} s, twice"]
     assert found[3] == ["an exception"]
     assert "bytes of memory" in found[4][0]

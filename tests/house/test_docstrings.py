@@ -29,7 +29,9 @@ def documented(thing: object) -> Iterator[str]:
             yield path
         for name, member in vars(thing).items():
             plain = member.__func__ if isinstance(member, classmethod | staticmethod) else member
-            if inspect.isfunction(plain) and not name.startswith("_"):
+            # Pydantic gives models with private attributes a method of its own.
+            is_own = inspect.isfunction(plain) and plain.__module__ == thing.__module__
+            if is_own and not name.startswith("_"):
                 yield f"{path}.{name}"
 
 

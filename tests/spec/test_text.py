@@ -121,3 +121,9 @@ def test_links_lead_somewhere(spec: Path) -> None:
                 count += 1
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
     assert count > 10
+
+
+def test_no_question_is_answered_twice(spec: Path) -> None:
+    asked = re.findall(r"^\*\*(.+\?)\*\*", (spec / "1.0/notes.md").read_text("utf-8"), re.MULTILINE)
+    assert len(asked) > 15
+    assert len(asked) == len(set(asked))

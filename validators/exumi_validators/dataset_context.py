@@ -4,7 +4,7 @@ import os
 import stat
 from collections.abc import Mapping
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter
@@ -36,7 +36,11 @@ __all__ = ["CatalogRows", "DatasetContext"]
 M = TypeVar("M", bound=Model)
 
 CatalogRows = list[dict[str, Any]]
-_COMPARED = ("id", "path", "revision", "root_sha256", "digest", "object_id", "part_id")
+_NEEDED = ("id", "path", "revision", "root_sha256", "digest", "object_id", "part_id")
+_COMPARED = (
+    *_NEEDED, "start", "regime", "task", "success", "licence", "instance_id", "trial", "procedure",
+    "pad_type", "labels", "quality",
+)  # fmt: skip
 
 
 class DatasetContext:
@@ -165,6 +169,17 @@ class DatasetContext:
         return {facts.id: facts for facts in self.facts.values() if facts.id}
 
     @cached_property
+    def ids(self) -> set[str]:
+        """The ids of all episodes; of one that cannot be read, that of its file's name."""
+        unread = (path for path in self.episodes if not self._id_at(path))
+        names = (PurePosixPath(path).name for path in (*unread, *self.links))
+        return {*self.by_id, *(name.partition(".")[0] for name in names)}
+
+    def _id_at(self, path: str) -> str | None:
+        facts = self.facts.get(path)
+        return facts.id if facts else None
+
+    @cached_property
     def oddities(self) -> list[tuple[str, str]]:
         """What lies among the episodes and is none: (path, ``partial | replaced | foreign``)."""
         base = self.root / EPISODES_FOLDER
@@ -196,14 +211,15 @@ class DatasetContext:
         """The catalog's rows, or why it cannot be used."""
         try:
             with open_catalog(self.root) as file:
-                lacking = sorted(set(_COMPARED) - set(file.schema_arrow.names))
+                lacking = sorted(set(_NEEDED) - set(file.schema_arrow.names))
                 if lacking:
                     return f"catalog.parquet lacks the columns {', '.join(lacking)}"
                 rows = file.metadata.num_rows
                 # Read only what could be a catalog of these episodes: a file can claim anything.
                 if rows > 1000 + 4 * len(self.episodes):
                     return f"catalog.parquet lists {rows} episodes; there are {len(self.episodes)}"
-                table: list[dict[str, Any]] = file.read(columns=list(_COMPARED)).to_pylist()
+                columns = [name for name in _COMPARED if name in file.schema_arrow.names]
+                table: list[dict[str, Any]] = file.read(columns=columns).to_pylist()
                 return table
         except FileNotFoundError:
             return obstacle_to_catalog(self.root) or f"{CATALOG_NAME} is missing"

@@ -1,12 +1,15 @@
 """Validating one episode: in this process or in another."""
 
-from collections.abc import Iterator
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
+from exumi_data.catalog import metadata_columns
 from exumi_data.errors import ExumiError
 from exumi_data.model.description import Annotations, Label
 from exumi_data.standard import LEVELS, Level
@@ -50,6 +53,7 @@ __all__ = [
     "ReferenceFacts",
     "archive_checks",
     "episode_checks",
+    "in_brief",
     "root_checks",
     "validate_episode",
 ]
@@ -74,6 +78,7 @@ _EPISODE_MODULES: tuple[ModuleType, ...] = (
     sync,
 )
 # Of one episode: more than anybody writes.
+_MOST_LETTERS = 100
 _MOST_LABELS = 100
 # What ZipStore refuses to open.
 _UNOPENABLE = frozenset(
@@ -116,6 +121,27 @@ class EpisodeFacts:
     instance_id: str | None = None
     regime: str | None = None
     labels: tuple[LabelFact, ...] = ()
+    columns: Mapping[str, str] = field(default_factory=dict)
+    """Of the catalog, as `in_brief` has them; none where something is wrong with the metadata."""
+
+
+def in_brief(value: object) -> str:
+    """Return a value as JSON; of what is long, its digest.
+
+    Parameters
+    ----------
+    value : object
+        Of a column of the catalog.
+
+    Returns
+    -------
+    str
+        Equal values have equal ones.
+    """
+    text = "nothing" if value is None else json.dumps(value, ensure_ascii=False, default=str)
+    if len(text) <= _MOST_LETTERS:
+        return text
+    return f"what has sha-256 {hashlib.sha256(text.encode(errors='replace')).hexdigest()}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -295,7 +321,14 @@ def _facts(episode: EpisodeContext) -> EpisodeFacts:
         instance_id=notes.instance_id if notes else None,
         regime=episode.section("regime"),
         labels=tuple(_label_fact(label) for label in labels[:_MOST_LABELS]),
+        columns=_columns(episode),
     )
+
+
+def _columns(episode: EpisodeContext) -> dict[str, str]:
+    if episode.metadata is None:
+        return {}
+    return {name: in_brief(value) for name, value in metadata_columns(episode.metadata).items()}
 
 
 def _references(episode: EpisodeContext) -> Iterator[ReferenceFacts]:

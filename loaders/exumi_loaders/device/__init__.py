@@ -4,6 +4,7 @@ Each takes a batch as the loaders give it, a dict of tensors by name, and return
 they stand in a ``torch.nn.Sequential``, and run wherever the batch lies.
 """
 
+from exumi_loaders.device.arms import Arms
 from exumi_loaders.device.blur import Blur
 from exumi_loaders.device.colour import ColourJitter
 from exumi_loaders.device.image_module import Batch, ImageModule
@@ -23,6 +24,7 @@ from exumi_loaders.representation import TactileRepresentation
 
 __all__ = [
     "OCTOPI_SENSORS",
+    "Arms",
     "Batch",
     "Blur",
     "CentreCrop",

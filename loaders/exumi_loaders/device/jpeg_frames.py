@@ -1,16 +1,12 @@
 """JPEG files in place of images: what leaves the windows undecoded."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from exumi_data.store import jpeg
-from exumi_data.store.images import Frames
-
-__all__ = ["JpegFrames", "JpegPacker"]
+__all__ = ["JpegFrames", "pack_files"]
 
 
 @dataclass(frozen=True)
@@ -20,7 +16,7 @@ class JpegFrames:
     Attributes
     ----------
     data : Tensor
-        (N,) uint8: files end to end, each once. On the CPU: decoders read them there.
+        (N,) uint8: files end to end. On the CPU: decoders read them there.
     span : Tensor
         (B, K, 2) int64: where the file of each frame begins and ends. Equal: there is no frame.
     size : (int, int, int)
@@ -55,46 +51,35 @@ class JpegFrames:
         return [self.data[start:stop] for start, stop in distinct.tolist()], numbers
 
 
-class JpegPacker:
-    """Collect the files of one stream of a batch.
+def pack_files(files: np.ndarray, size: tuple[int, ...]) -> JpegFrames:
+    """Lay the files of one stream of a batch end to end.
 
     Parameters
     ----------
-    shape : (int, int)
-        Windows of the batch, frames of a window.
+    files : (B, K) array of bytes or None
+        None is no frame. The same object at several places is one file.
     size : (int, int, int)
         Height, width and channels of a decoded frame.
+
+    Returns
+    -------
+    JpegFrames
     """
-
-    def __init__(self, shape: tuple[int, ...], size: tuple[int, int, int]) -> None:
-        self._size = size
-        self._files: list[bytes] = []
-        self._spans: dict[tuple[int, int], tuple[int, int]] = {}
-        self._end = 0
-        self._span = np.zeros((*shape, 2), dtype=np.int64)
-
-    def add(self, window: int, episode: int, source: Frames, wanted: Sequence[int]) -> None:
-        """Add the frames of a window; an index below 0 is no frame.
-
-        Raises
-        ------
-        DamagedDataError
-            A file is not what the metadata says, or its checksum is wrong.
-        """
-        for position, index in enumerate(wanted):
-            if index < 0:
-                continue
-            key = (episode, index)
-            if key not in self._spans:
-                data = source.file(index)
-                # Here and not later: a decoder takes as much memory as a file claims to need.
-                jpeg.check(data, self._size[:2])
-                self._spans[key] = (self._end, self._end + len(data))
-                self._files.append(data)
-                self._end += len(data)
-            self._span[window, position] = self._spans[key]
-
-    def packed(self) -> JpegFrames:
-        """Return what was added."""
-        data = torch.frombuffer(bytearray(b"".join(self._files)) or bytearray(1), dtype=torch.uint8)
-        return JpegFrames(data[: self._end], torch.from_numpy(self._span), self._size)
+    spans: dict[int, tuple[int, int]] = {}
+    distinct: list[bytes] = []
+    span = np.zeros((files.size, 2), dtype=np.int64)
+    end = 0
+    for position, data in enumerate(files.flat):
+        if data is None:
+            continue
+        if id(data) not in spans:
+            spans[id(data)] = (end, end + len(data))
+            distinct.append(data)
+            end += len(data)
+        span[position] = spans[id(data)]
+    # A tensor of no bytes cannot be made of a buffer.
+    joined = torch.frombuffer(bytearray(b"".join(distinct)) or bytearray(1), dtype=torch.uint8)
+    height, width, channels = size
+    return JpegFrames(
+        joined[:end], torch.from_numpy(span.reshape(*files.shape, 2)), (height, width, channels)
+    )

@@ -8,12 +8,14 @@ from torch import Tensor, nn
 
 from exumi_data.errors import UsageError
 from exumi_data.standard import sensors as registered_sensors
+from exumi_loaders.device.arms import Arms, arms_of, pose_columns, side_pairs
 from exumi_loaders.device.draws import Draws
 from exumi_loaders.device.image_module import Batch, image_streams
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
     from exumi_loaders.tpp import TPPWindows
+    from exumi_loaders.windows import Windows
 
 __all__ = ["Mirror", "mirror_relative_poses"]
 
@@ -49,10 +51,11 @@ class Mirror(nn.Module):
     The mirror negates one axis of the gripper: by default x, from the left finger to the right
     one. Then
 
-    - RGB images are flipped;
+    - RGB images are flipped; a left and a right camera change places;
     - the streams of the two fingers change places, with their references and their validity, and
       are flipped: the fingers look at each other, so what is right on one is left on the other;
-    - poses relative to the gripper become ``M·T·M``; widths stay.
+    - poses relative to the gripper become ``M·T·M``; widths stay;
+    - two arms change places, with the sensors and cameras that are named by their side.
 
     All streams of a window are mirrored, or none. The image of a gel that is lit in colours has its
     lights on the wrong sides when it is mirrored, which no sensor produces: such streams are
@@ -71,10 +74,13 @@ class Mirror(nn.Module):
         How images are flipped. A single image of both fingers side by side, left and right of the
         middle, is flipped horizontally.
     swap : sequence of (str, str), optional
-        Tactile streams that change places; default those whose names differ in ``left`` and
+        Image streams that change places; default those whose names differ in ``left`` and
         ``right``. Empty where the axis leads from no finger to another.
     poses : mapping of str to sequence of int
-        Tensors that hold poses, and in which column each of the poses (nine numbers) begins.
+        Tensors that hold poses, and in which column each of the poses (nine numbers) begins;
+        default one pose in front of ``action``. `of` reads them from the windows.
+    arms : Arms, optional
+        How the numbers of several arms change places.
     unchanged : sequence of str
         Tensors of floats that a mirror leaves as they are. Any other is refused, not forgotten.
     any_light : bool
@@ -97,6 +103,7 @@ class Mirror(nn.Module):
         rgb_flip: Flip = "horizontal",
         swap: Sequence[tuple[str, str]] | None = None,
         poses: Mapping[str, Sequence[int]] | None = None,
+        arms: Arms | None = None,
         unchanged: Sequence[str] = (),
         any_light: bool = False,
         seed: int = 0,
@@ -117,16 +124,16 @@ class Mirror(nn.Module):
         self.axis: Axis = axis
         self.tactile = tuple(sensors)
         self.tactile_flip, self.rgb_flip = tactile_flip, rgb_flip
-        pairs = _pairs(self.tactile) if swap is None else swap
-        self.partner = {**dict(pairs), **{right: left for left, right in pairs}}
+        self.swap = None if swap is None else tuple(swap)
         self.poses = {"action": (0,)} if poses is None else dict(poses)
+        self.arms = arms
         self.unchanged = tuple(unchanged)
         self.draws = Draws(seed)
 
     @classmethod
     def of(
         cls,
-        windows: "TPPWindows",
+        windows: "Windows",
         *,
         p: float = 0.5,
         any_light: bool = False,
@@ -135,26 +142,37 @@ class Mirror(nn.Module):
     ) -> Self:
         """Make the mirror of some windows: sensors from their episodes, x from left to right.
 
-        Reads the metadata of every episode.
+        Reads the metadata of every episode. Several grippers change places, by pairs that are
+        named ``left`` and ``right``.
 
         Parameters
         ----------
-        windows : TPPWindows
+        windows : TPPWindows or ConcatWindows of them
         p, any_light, unchanged, seed
             As of `Mirror`.
 
         Raises
         ------
         UsageError
-            A sensor is lit in colours, or is not known.
+            A sensor is lit in colours, or is not known; of several grippers one has no partner;
+            the windows are of another kind.
         """
-        models = _models(windows.episodes, windows.layout.tactile)
+        parts = _parts(windows)
+        # Windows are joined only if their streams and columns are the same.
+        layout = parts[0].layout
+        models = {found for part in parts for found in _models(part.episodes, layout.tactile)}
         if not any_light:
             _refuse_lights(models)
-        poses = {} if windows.layout.pose is None else {"action": (0,)}
-        unchanged = (*unchanged, *(() if poses else ("action",)))
+        begins = pose_columns(layout)
+        between = range(0, 9 * max(len(layout.pose) - 1, 0), 9)
         return cls(
-            dict(models), p=p, poses=poses, unchanged=unchanged, any_light=any_light, seed=seed
+            dict(models),
+            p=p,
+            poses={"action": begins, "proprioception": begins, "between": tuple(between)},
+            arms=arms_of(layout, zero=parts[0].steps.zero),
+            unchanged=unchanged,
+            any_light=any_light,
+            seed=seed,
         )
 
     def extra_repr(self) -> str:
@@ -176,38 +194,44 @@ class Mirror(nn.Module):
         Raises
         ------
         UsageError
-            Only one of two fingers is there, they differ in size, or it is not known what a mirror
-            does to some tensor.
+            Only one of two fingers is there, they differ in size, it is not known what a mirror
+            does to some tensor, or frames are JPEG files yet.
         """
         images = image_streams(batch)
         if not images:
             raise UsageError("the batch has no images to mirror")
         chosen = torch.nonzero(self.draws.uniform(len(batch[images[0]]), 0, 1) < self.p)[:, 0]
+        partner = self._partners(images)
         changed = {}
         for name, value in batch.items():
             if not isinstance(value, Tensor):
                 changed[name] = value
                 continue
-            source = self._source(batch, name, value)
+            source = self._source(batch, name, value, partner)
             flip = self._flip(name, images)
             if flip is not None:
                 changed[name] = _replaced(value, chosen, source, flip)
-            elif source is not value:
-                changed[name] = _replaced(value, chosen, source)
-            else:
-                changed[name] = self._mirrored_poses(name, value, chosen)
+                continue
+            mirrored = self._mirrored_poses(name, source)
+            changed[name] = value if mirrored is value else _replaced(value, chosen, mirrored)
         return changed
 
-    def _source(self, batch: Batch, name: str, value: Tensor) -> Tensor:
+    def _partners(self, images: Sequence[str]) -> dict[str, str]:
+        """Return which streams change places."""
+        if self.swap is None:
+            return side_pairs((*self.tactile, *images))
+        return {**dict(self.swap), **{right: left for left, right in self.swap}}
+
+    def _source(self, batch: Batch, name: str, value: Tensor, partner: dict[str, str]) -> Tensor:
         """Return what stands at `name` in the mirror, not flipped yet."""
         stream = max(
-            (one for one in self.partner if name == one or name.startswith(f"{one}_")),
+            (one for one in partner if name == one or name.startswith(f"{one}_")),
             key=len,
             default=None,
         )
         if stream is None:
-            return value
-        other = self.partner[stream] + name[len(stream) :]
+            return value if self.arms is None else self.arms.exchanged(batch, name)
+        other = partner[stream] + name[len(stream) :]
         found = batch.get(other)
         if not isinstance(found, Tensor) or found.shape != value.shape:
             there = tuple(found.shape) if isinstance(found, Tensor) else "not there"
@@ -224,7 +248,7 @@ class Mirror(nn.Module):
             return None
         return _ALONG[self.tactile_flip if stream in self.tactile else self.rgb_flip]
 
-    def _mirrored_poses(self, name: str, value: Tensor, chosen: Tensor) -> Tensor:
+    def _mirrored_poses(self, name: str, value: Tensor) -> Tensor:
         if name not in self.poses:
             if value.is_floating_point() and name not in self.unchanged:
                 raise UsageError(
@@ -237,7 +261,7 @@ class Mirror(nn.Module):
         for column in self.poses[name]:
             block = value[..., column : column + 9]
             mirrored[..., column : column + 9] = mirror_relative_poses(block, self.axis)
-        return _replaced(value, chosen, mirrored)
+        return mirrored
 
 
 def _replaced(value: Tensor, chosen: Tensor, source: Tensor, flip: int | None = None) -> Tensor:
@@ -249,11 +273,20 @@ def _replaced(value: Tensor, chosen: Tensor, source: Tensor, flip: int | None = 
     return out
 
 
-def _pairs(streams: Sequence[str]) -> list[tuple[str, str]]:
-    """Pair streams whose names differ in left and right."""
-    there = set(streams)
-    found = [(name, name.replace("left", "right")) for name in streams if "left" in name]
-    return [(left, right) for left, right in found if right in there]
+def _parts(windows: "Windows") -> tuple["TPPWindows", ...]:
+    """Return the windows of each dataset."""
+    # Both import the modules of this package.
+    from exumi_loaders.concat import ConcatWindows
+    from exumi_loaders.tpp import TPPWindows
+
+    if isinstance(windows, ConcatWindows):
+        return tuple(one for part in windows.parts for one in _parts(part))
+    if isinstance(windows, TPPWindows):
+        return (windows,)
+    raise UsageError(
+        f"it is not known what a mirror does to {type(windows).__name__}",
+        fix="Name sensors and poses yourself: Mirror({...}, poses={...}).",
+    )
 
 
 def _models(dataset: "Dataset", streams: Sequence[str]) -> set[tuple[str, str | None]]:

@@ -124,6 +124,7 @@ def _catalog_cases() -> Iterator[Case]:
     draft.metadata["revision"] = 2
     files = {f"{place(RICE)}/zarr.json": draft.files()["zarr.json"]}
     yield dataset("CAT-003__revision", "A revision is not listed.", at, replace=files)
+    yield dataset("CAT-003__regime", "Another regime than the episode's.", at)
     at = Finding("CAT-004", CATALOG, index=0)
     draft = episode(EGG, "egg")
     draft.put("streams/width/data", np.array([0.0, 0.02], dtype=np.float32))

@@ -51,6 +51,18 @@ def dataset(played: Path) -> Dataset:
     return cast("Dataset", exumi_data.open(played / "dataset"))
 
 
+def test_without_out_it_writes_into_the_folder_it_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The way there is what is tested: a file is in it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "exumi-demo").write_text("mine")
+    done = CliRunner().invoke(app, ["demo", "--seconds", "3", "--workers", "1"])
+    assert done.exit_code == 2
+    assert "exumi-demo/dataset" in done.output
+    assert "bug" not in done.output
+
+
 def test_it_is_a_dataset_of_one_episode_a_grasp(dataset: Dataset) -> None:
     grasps = make_session(DemoSettings().seed, SECONDS).grasps
     assert len(dataset) == len(grasps) == 1

@@ -12,7 +12,7 @@ from exumi_data.errors import DamagedDataError, MissingExtraError, UsageError
 from exumi_data.store import jpeg
 from exumi_loaders import DecodeJpeg, TPPWindows
 from exumi_loaders.device import JpegFrames
-from exumi_loaders.device.jpeg_frames import JpegPacker
+from exumi_loaders.device.jpeg_frames import pack_files
 
 SECONDS = np.arange(0, 4, 1 / 30)
 
@@ -75,7 +75,7 @@ def test_frames_that_are_not_jpeg_are_images_all_the_same(make_dataset: Any, rec
 
 
 def test_nothing_there_at_all() -> None:
-    done = DecodeJpeg().decode(JpegPacker((2, 3), (4, 5, 1)).packed())
+    done = DecodeJpeg().decode(pack_files(np.full((2, 3), None, dtype=object), (4, 5, 1)))
     assert done.shape == (2, 3, 1, 4, 5)
     assert (done == 0).all()
 

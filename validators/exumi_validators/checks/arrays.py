@@ -122,7 +122,7 @@ def quaternion_norm(episode: EpisodeContext) -> Iterator[Problem]:
             if wrong.any():
                 row = int(wrong.argmax())
                 path = f"streams/{name}/data"
-                yield problem("POSE-001", path, index=start + row, found=float(norm[row]))
+                yield problem("POSE-001", path, index=start + row, found=f"{norm[row]:.5g}")
                 break
 
 
@@ -158,14 +158,14 @@ def width_range(episode: EpisodeContext) -> Iterator[Problem]:
             if low.any() and "low" not in told:
                 told.add("low")
                 row = int(low.argmax())
-                yield problem("WIDTH-001", path, index=start + row, found=float(rows[row]))
+                yield problem("WIDTH-001", path, index=start + row, found=f"{rows[row]:.4g}")
             if most is None:
                 continue
             high = usable & (rows > most + _WIDTH_TOLERANCE_M)
             if high.any() and "high" not in told:
                 told.add("high")
                 row = int(high.argmax())
-                found = float(rows[row])
+                found = f"{rows[row]:.4g}"
                 yield problem("WIDTH-002", path, index=start + row, expected=most, found=found)
 
 

@@ -152,7 +152,7 @@ def _off_the_map(
             judged=judged,
         )
     elif not judged:
-        yield Skipped("CAL-006", "no raw value lies on the calibration's map", path)
+        yield Skipped("CAL-006", "no readable raw value lies on the calibration's map", path)
 
 
 @check("CAL-007")

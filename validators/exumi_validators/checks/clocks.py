@@ -93,7 +93,7 @@ def _drift(
     wander_ns = episode.limit("CLOCK-006", "wander_s") * NS_PER_S
     drift = drift_of(*thinned.samples, wander_ns)
     if drift is None:
-        yield Skipped("CLOCK-006", "too few samples", path)
+        yield Skipped("CLOCK-006", "too few samples to compare", path)
     elif _SURE_SIGMAS * drift.sigma_ppm > _TOO_UNSURE * limit:
         yield Skipped("CLOCK-006", "too short to know the drift", path)
     else:

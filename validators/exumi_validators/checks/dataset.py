@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.model.base import Model
 from exumi_data.model.dataset import DATASET_FORMAT, DatasetMetadata, SplitDocument
 from exumi_data.model.manifest import MANIFEST_FORMAT, Manifest
-from exumi_data.standard import rules
 from exumi_validators.context import newer_minor
 from exumi_validators.dataset_context import DatasetContext
 from exumi_validators.document_rules import (
@@ -21,7 +21,7 @@ from exumi_validators.document_rules import (
     model_rule_problems,
     undescribed_objects,
 )
-from exumi_validators.episode_run import ReferenceFacts
+from exumi_validators.episode_run import EpisodeFacts, ReferenceFacts, in_brief
 from exumi_validators.findings import problem
 from exumi_validators.json_documents import LoadedDocument
 from exumi_validators.registry import Finding, check
@@ -178,7 +178,7 @@ def split_ids(dataset: DatasetContext) -> Iterator[Problem]:
     """Judge that splits name episodes that are there."""
     for name, split in dataset.splits.items():
         for part, ids in split.lists.items():
-            unknown = [episode_id for episode_id in ids if episode_id not in dataset.by_id]
+            unknown = [episode_id for episode_id in ids if episode_id not in dataset.ids]
             if unknown:
                 path = dataset.split_files[name].path
                 pointer = ("lists", part)
@@ -367,6 +367,20 @@ def catalog_rows(dataset: DatasetContext) -> Iterator[Problem]:
                     detail=f"{column} of {facts.id}",
                 )
                 break
+        else:
+            yield from _columns(index, row, facts)
+
+
+def _columns(index: int, row: dict[str, Any], facts: EpisodeFacts) -> Iterator[Problem]:
+    """Compare the other columns that are the metadata's own; the first that differs is told."""
+    for column, expected in facts.columns.items():
+        found = in_brief(row[column]) if column in row else expected
+        if found != expected:
+            detail = f"{column} of {facts.id}"
+            yield problem(
+                "CAT-003", CATALOG_NAME, index=index, expected=expected, found=found, detail=detail
+            )
+            return
 
 
 def _shown(value: object) -> str:
@@ -403,14 +417,13 @@ def same_gel(dataset: DatasetContext) -> Iterator[Finding]:
         for reference in facts.references:
             by_sensor.setdefault((reference.model, reference.serial), []).append((path, reference))
     for references in by_sensor.values():
-        yield from _gel_findings(references)
+        yield from _gel_findings(references, dataset.limit("TACT-012", "mean_grey_levels"))
     if not any(len(references) > 1 for references in by_sensor.values()):
         yield Skipped("TACT-012", "no sensor with a serial and references of two episodes", ".")
 
 
-def _gel_findings(references: list[tuple[str, ReferenceFacts]]) -> Iterator[Finding]:
+def _gel_findings(references: list[tuple[str, ReferenceFacts]], limit: float) -> Iterator[Finding]:
     """Compare each reference with the one that the sensor had since its last change."""
-    limit = rules()["TACT-012"].limits["mean_grey_levels"]
     since, first = references[0]
     for path, reference in references[1:]:
         levels = np.frombuffer(first.coarse, np.uint8).astype(np.int16)

@@ -323,6 +323,6 @@ def _out_of_range(
             row = own.start + int(outside[own].argmax())
             first = series.start + row, float(widths[row])
     if first is not None:
-        index, found = first
-        expected = f"{low:g} to {high:g} m"
+        index, width = first
+        found, expected = f"{width:.4g}", f"{low:g} to {high:g} m"
         yield problem("WIDTH-004", path, index=index, expected=expected, found=found, count=count)
