@@ -5,7 +5,9 @@ How good (``--dataset``, each a dataset of touch clips with part ids, such as th
 - leave one clip out: each clip is asked for in an index of all others, whose space was fitted
   without it; by part id and by object, ranked by similarity and by matches;
 - the Guessing Game: five candidates, parts that the index has not seen when it was built; guessed
-  by labels before teaching, by the averaged vector of one or two clips of each candidate after.
+  by labels before teaching, by the averaged vector of one or two clips of each candidate after;
+- tactile sorting: of two parts that are rated more than 2 of 10 apart, which is harder, or rougher,
+  by one clip of each; of parts that were met before, and of unseen ones.
 
 Intervals hold 95 %; they come from drawing parts with replacement, since clips of one part are
 alike.
@@ -36,6 +38,7 @@ from exumi_loaders import (
     encode_clips,
     guessing_game,
     leave_one_out,
+    tactile_sorting,
 )
 from exumi_loaders.clips import Clips
 from exumi_loaders.retrieval.document import EncoderStatement, IndexDocument
@@ -78,6 +81,7 @@ def quality(path: str, rounds: int) -> dict[str, Any]:
         "encode_ms_a_clip": _encoding(dataset, encoder),
         "leave_one_out": [score.as_dict() for score in leave_one_out(clips, encoder)],
         "guessing_game": [game.as_dict() for game in games],
+        "sorting": _sorting(clips.vectors, parts, labels, encoder.whitening, rounds),
         "first_place_by_whitening": _by_whitening(clips, channels),
     }
 
@@ -92,6 +96,38 @@ def _encoding(dataset: exumi_data.Dataset, encoder: TextureEncoder) -> float:
         encoder.encode(frames, reference)
         seconds.append(time.perf_counter() - start)
     return round(1e3 * statistics.median(seconds), 2)
+
+
+def _sorting(
+    vectors: np.ndarray,
+    parts: np.ndarray,
+    labels: np.ndarray,
+    whitening: int | None,
+    rounds: int,
+) -> list[dict[str, Any]]:
+    """Sort pairs of parts in both ways, also with other settings: are these lucky ones."""
+    ways: list[dict[str, Any]] = [
+        *({"method": "neighbours", "neighbours": count} for count in (5, 1, 10)),
+        *({"method": "ridge", "penalty": penalty} for penalty in (1.0, 0.1, 10.0)),
+    ]
+    return [
+        {
+            "property": name,
+            **way,
+            **tactile_sorting(
+                vectors,
+                parts,
+                labels[:, column],
+                whitening=whitening,
+                tested=tested,
+                rounds=rounds,
+                **way,
+            ).as_dict(),
+        }
+        for column, name in enumerate(_PROPERTIES)
+        for tested in ("seen", "unseen")
+        for way in ways
+    ]
 
 
 def _by_whitening(clips: Any, channels: int) -> dict[str, float]:
@@ -203,6 +239,12 @@ def table(results: dict[str, Any]) -> str:
             f"  guessing game, {game['candidates']} unseen, {game['taught']} clip(s) taught: "
             f"{share(game['right'])}"
             for game in one["guessing_game"]
+        ]
+        lines += [
+            f"  sorting by {way['property']}, {way['tested']} parts, {way['method']} "
+            f"{way.get('neighbours', way.get('penalty'))}: {share(way['right'])} of "
+            f"{way['pairs']} pairs of {way['parts']} parts"
+            for way in one["sorting"]
         ]
         lines.append(f"  first place by dimensions: {one['first_place_by_whitening']}")
     if results["speed"]:

@@ -18,7 +18,7 @@ from typing import Any, TextIO
 import typer
 from typer.core import TyperGroup
 
-from exumi_data.cli.output import error_console
+from exumi_data.cli.output import error_console, printable
 from exumi_data.errors import ExumiError
 
 __all__ = [
@@ -104,14 +104,9 @@ def _say(what: str, fix: str | None, error: BaseException) -> None:
         traceback.print_exception(error)
     console = error_console()
     console.print("[bold red]error:[/] ", end="")
-    console.print(_printable(what), markup=False)
+    console.print(printable(what, lines=True), markup=False)
     if fix:
-        console.print(f"       {_printable(fix)}", markup=False)
-
-
-def _printable(text: str) -> str:
-    """Escape what is not printable: names of files may hold codes that terminals obey."""
-    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+        console.print(f"       {printable(fix, lines=True)}", markup=False)
 
 
 @contextmanager
@@ -135,7 +130,7 @@ def _show_warning(
 ) -> None:
     console = error_console()
     console.print("[bold yellow]warning:[/] ", end="")
-    console.print(_printable(str(message)), markup=False)
+    console.print(printable(str(message), lines=True), markup=False)
 
 
 def _leave_pipe() -> None:

@@ -21,6 +21,7 @@ __all__ = [
     "plain_table",
     "print_json",
     "print_table",
+    "printable",
     "progress_of",
     "result_console",
     "size_text",
@@ -64,6 +65,18 @@ def plain(value: object) -> str:
     from rich.markup import escape
 
     return escape(str(value))
+
+
+def printable(text: str, *, lines: bool = False) -> str:
+    """Escape what is not printable: names in files may hold codes that terminals obey.
+
+    Parameters
+    ----------
+    text : str
+    lines : bool
+        Keep the ends of lines.
+    """
+    return "".join(c if c.isprintable() or (lines and c == "\n") else ascii(c)[1:-1] for c in text)
 
 
 def print_json(document: Any) -> None:

@@ -142,7 +142,7 @@ def query(  # noqa: PLR0913, PLR0917  # options of the command line
     quiet: QuietOption = False,
 ) -> None:
     """Say what clips feel like: the most similar objects of the index, for each clip."""
-    from exumi_data.cli.output import error_console, print_json
+    from exumi_data.cli.output import error_console, print_json, printable
 
     index = _open(path, model)
     results = []
@@ -162,7 +162,7 @@ def query(  # noqa: PLR0913, PLR0917  # options of the command line
             }
         )
         if output is Format.TEXT:
-            print(f"{name}: {line}")
+            print(printable(f"{name}: {line}"))
     if output is Format.JSON:
         print_json(results)
     if held and not quiet:
@@ -194,7 +194,7 @@ def teach(  # noqa: PLR0913, PLR0917  # options of the command line
     output: FormatOption = Format.TEXT,
 ) -> None:
     """Teach an object by one or some clips. Nothing is trained; `forget` undoes it."""
-    from exumi_data.cli.output import print_json
+    from exumi_data.cli.output import print_json, printable
 
     index = _open(path, model)
     clips = [made for _, made in _embedded(index, _dataset(dataset), episodes, parts, stream)]
@@ -209,7 +209,7 @@ def teach(  # noqa: PLR0913, PLR0917  # options of the command line
     if output is Format.JSON:
         print_json({"entry": entry.id, "name": entry.name, "clips": entry.clips})
     else:
-        print(f"{path}: taught {entry.name} by {entry.clips} clip(s) ({entry.id})")
+        print(printable(f"{path}: taught {entry.name} by {entry.clips} clip(s) ({entry.id})"))
 
 
 def forget(
@@ -222,14 +222,14 @@ def forget(
     output: FormatOption = Format.TEXT,
 ) -> None:
     """Forget what was taught."""
-    from exumi_data.cli.output import print_json
+    from exumi_data.cli.output import print_json, printable
     from exumi_loaders import TactileIndex
 
     gone = TactileIndex.open(path).forget(name, entry=entry, built=built)
     if output is Format.JSON:
         print_json({"forgotten": [one.id for one in gone]})
     else:
-        print(f"{path}: forgot {len(gone)} of {gone[0].name}")
+        print(printable(f"{path}: forgot {len(gone)} of {gone[0].name}"))
 
 
 def info(path: _Index, output: FormatOption = Format.TEXT) -> None:
@@ -368,33 +368,44 @@ def _episode_id(data: "Dataset", word: str) -> str:
 def _labels(words: list[str]) -> dict[str, float]:
     from exumi_data.errors import UsageError
 
-    labels = {}
+    labels: dict[str, float] = {}
     for word in words:
         name, _, value = word.partition("=")
+        rating: float | None
         try:
-            labels[name] = float(value)
+            rating = float(value)
         except ValueError:
-            raise UsageError(f"--label {word!r} is not like hardness=7") from None
+            rating = None
+        if rating is None or not name:
+            raise UsageError(f"--label {word!r} is not like hardness=7")
+        if name in labels:
+            raise UsageError(f"--label gives {name!r} twice")
+        labels[name] = rating
     return labels
 
 
 def _print_info(index: "TactileIndex", output: Format) -> None:
-    from exumi_data.cli.output import print_json
+    from exumi_data.cli.output import print_json, printable
 
     about = index.info()
     if output is Format.JSON:
         print_json(about.as_dict())
         return
-    print(
+    counts = (
         f"{about.path}: {about.entries:,} entries of {about.objects:,} objects, "
         f"{about.parts:,} parts; {about.taught:,} taught, {about.forgotten:,} forgotten"
     )
     made = "nothing that is stated"
     if about.dataset is not None:
         made = f"{about.dataset} ({about.split or 'all of it'}), digest {about.dataset_digest}"
-    print(f"  made of   {made}")
-    print(f"  encoder   {about.encoder_digest}, {about.frames} frames a clip")
-    print(f"  compared  {about.dimension} dimensions, {about.space or 'as the encoder gives them'}")
+    compared = f"{about.dimension} dimensions, {about.space or 'as the encoder gives them'}"
+    for line in (
+        counts,
+        f"  made of   {made}",
+        f"  encoder   {about.encoder_digest}, {about.frames} frames a clip",
+        f"  compared  {compared}",
+    ):
+        print(printable(line))
 
 
 def _print_scores(scores: "list[Score]", output: Format) -> None:

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from exumi_data._version import __version__
 from exumi_data.catalog import build_catalog, episode_path, write_catalog
 from exumi_data.dataset import DATASET_DOCUMENT, Dataset, create_dataset, open_dataset
+from exumi_data.demo.tactile_measure import TactileMeasure
 from exumi_data.engine import map_items
 from exumi_data.errors import UsageError
 from exumi_data.model import (
@@ -44,14 +45,6 @@ from exumi_data.model.calibration import INTRINSICS
 from exumi_data.model.documents import parse_dataset
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
-from exumi_data.tactile import (
-    ACTIVE_THRESHOLD,
-    ACTIVITY_METHOD,
-    SALIENCE_METHOD,
-    ActivityMeter,
-    difference_energy,
-    salient_frames,
-)
 
 if TYPE_CHECKING:
     from exumi_data.simulation import Grasp, PlaySession, SimulatedStream, WidthEncoder
@@ -62,7 +55,6 @@ DATASET_NAME = "exumi-demo"
 LICENCE = "CC0-1.0"
 
 _TOOL = "exumi demo"
-_SALIENT = 10
 # Wider than the simulated gripper opens, and below what an uncertain zero makes of closed.
 _MAPPED_M = (-0.002, 0.1)
 # Ids of simulated episodes: UUIDv5 in this namespace.
@@ -335,7 +327,7 @@ def _write_stream(
         raw = {} if stream.raw is None else {"raw": stream.raw[chosen]}
         out.append(time, stream.data[chosen], **raw, **beside)
         return
-    measure = _TactileMeasure(stream.reference) if stream.reference is not None else None
+    measure = TactileMeasure(stream.reference) if stream.reference is not None else None
     for position, index in enumerate(chosen):
         file = jpeg.encode(stream.render(int(index)), settings.quality)
         out.append(
@@ -348,51 +340,6 @@ def _write_stream(
     if measure is not None:
         out.set_reference(stream.reference, method="captured", contact_free=True)
         measure.write(writer, stream.name)
-
-
-class _TactileMeasure:
-    """Activity and frame differences of a tactile stream, from the frames as they are stored."""
-
-    def __init__(self, reference: npt.NDArray[np.uint8]) -> None:
-        self._meter = ActivityMeter(reference)
-        self._shape = (*reference.shape[:2], 1)
-        self._activity: list[float] = []
-        self._energy: list[int] = []
-        self._previous: npt.NDArray[np.uint8] | None = None
-
-    def add(self, file: bytes) -> None:
-        """Measure the next frame."""
-        frame = np.empty(self._shape, np.uint8)
-        jpeg.decode_into(file, frame)
-        grey = frame[..., 0]
-        previous = self._previous
-        self._activity.append(self._meter.measure(grey))
-        self._energy.append(0 if previous is None else difference_energy(previous, grey))
-        self._previous = grey
-
-    def write(self, writer: EpisodeWriter, name: str) -> None:
-        """Add what was measured to the episode."""
-        data = f"streams/{name}/data"
-        writer.add_derived(
-            name,
-            "activity",
-            np.array(self._activity, np.float32),
-            algorithm=ACTIVITY_METHOD,
-            parameters={
-                "threshold": self._meter.threshold,
-                "size": self._meter.size,
-                "active_above": ACTIVE_THRESHOLD,
-            },
-            inputs=[data, f"streams/{name}/reference"],
-        )
-        writer.add_derived(
-            name,
-            "salient",
-            salient_frames(self._energy, _SALIENT),
-            algorithm=SALIENCE_METHOD,
-            parameters={"k": _SALIENT},
-            inputs=[data],
-        )
 
 
 def _clock(stream: "SimulatedStream", grasp: "Grasp") -> Clock:

@@ -29,12 +29,13 @@ if TYPE_CHECKING:
     from exumi_loaders.policy_stream import LateStreamError, PolicyStream
     from exumi_loaders.properties import PropertyWindows
     from exumi_loaders.representation import TactileRepresentation
-    from exumi_loaders.retrieval.building import Embedding, encode_clips
+    from exumi_loaders.retrieval.building import Embedding, EncodedClips, encode_clips
     from exumi_loaders.retrieval.entries import Entry
     from exumi_loaders.retrieval.guessing import guessing_game
     from exumi_loaders.retrieval.index import TactileIndex
     from exumi_loaders.retrieval.matches import Match
     from exumi_loaders.retrieval.scoring import Score, evaluate, leave_one_out
+    from exumi_loaders.retrieval.sorting import felt_rating, tactile_sorting
     from exumi_loaders.sampler import WindowIndex, WindowSampler
     from exumi_loaders.texture import TextureEncoder
     from exumi_loaders.timeline import Timeline, TimelineSettings, build_timeline
@@ -54,6 +55,7 @@ __all__ = [
     "ContrastiveBatches",
     "DecodeJpeg",
     "Embedding",
+    "EncodedClips",
     "Entry",
     "InfoNCE",
     "InstructionSamples",
@@ -85,10 +87,12 @@ __all__ = [
     "build_timeline",
     "encode_clips",
     "evaluate",
+    "felt_rating",
     "guessing_game",
     "info_nce",
     "leave_one_out",
     "prefetch_to_device",
+    "tactile_sorting",
 ]
 
 _HOME = {
@@ -103,6 +107,7 @@ _HOME = {
     "ContrastiveBatches": "contrastive",
     "DecodeJpeg": "device.jpeg",
     "Embedding": "retrieval.building",
+    "EncodedClips": "retrieval.building",
     "Entry": "retrieval.entries",
     "InfoNCE": "contrastive_loss",
     "InstructionSamples": "instructions",
@@ -134,10 +139,12 @@ _HOME = {
     "build_timeline": "timeline",
     "encode_clips": "retrieval.building",
     "evaluate": "retrieval.scoring",
+    "felt_rating": "retrieval.sorting",
     "guessing_game": "retrieval.guessing",
     "info_nce": "contrastive_loss",
     "leave_one_out": "retrieval.scoring",
     "prefetch_to_device": "device.prefetch",
+    "tactile_sorting": "retrieval.sorting",
 }
 
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from exumi_data.engine import map_items
 from exumi_data.episode import Episode, StreamView, open_episode
-from exumi_data.errors import DamagedDataError, UsageError
+from exumi_data.errors import ChangedDataError, DamagedDataError, UsageError
 from exumi_data.model.description import Annotations, Label
 from exumi_data.model.streams import TactileStream
 from exumi_loaders.readers import FrameReaders
+from exumi_loaders.window_frames import OnCorrupt, Outcome, read_frames
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
@@ -25,6 +26,9 @@ Provenance = Literal["human", "any"]
 
 RATING_SCALE = (0.0, 10.0)
 """Lowest and highest rating, whatever scale a label was given on (Octopi's)."""
+
+MOST_FRAMES = 4096
+"""Salient frames of a clip at most: a batch has room for so many, whatever its clips have."""
 
 _MANY_EPISODES = 2000
 
@@ -151,8 +155,8 @@ class Clips:
         frames: int = 10,
         provenance: Provenance = "human",
     ) -> None:
-        if frames < 1:
-            raise UsageError(f"frames is {frames}, not a positive number")
+        if not 1 <= frames <= MOST_FRAMES:
+            raise UsageError(f"frames is {frames}, not from 1 to {MOST_FRAMES}")
         if provenance not in ("human", "any"):
             raise UsageError(
                 f"invalid provenance ({provenance!r}). Supported values are 'human', 'any'"
@@ -160,7 +164,7 @@ class Clips:
         wanted = None if stream is None else {stream} if isinstance(stream, str) else set(stream)
         self.dataset = dataset
         self.frames = frames
-        self.table, self.left_out, encodings = _list_clips(dataset, wanted, provenance)
+        self.table, self.left_out, encodings, roots = _list_clips(dataset, wanted, provenance)
         if not self.table:
             reasons = "; ".join(f"{count} {reason}" for reason, count in self.left_out.items())
             raise UsageError(
@@ -168,7 +172,7 @@ class Clips:
                 where=dataset.path,
                 fix=None if wanted is None else "Name a tactile stream that the episodes have.",
             )
-        self._readers = FrameReaders(dataset, encodings)
+        self._readers = FrameReaders(dataset, encodings, roots)
         self._salient: dict[int, SalientFrames] = {}
 
     def __len__(self) -> int:
@@ -245,6 +249,68 @@ class Clips:
         source.read_into(numbers if which is None else numbers[which], out)
         return reference
 
+    def read_batch(
+        self,
+        chosen: np.ndarray,
+        which: np.ndarray,
+        out: np.ndarray,
+        reference: np.ndarray | None = None,
+        *,
+        on_corrupt: OnCorrupt = "raise",
+    ) -> Outcome:
+        """Decode salient frames of several clips into a buffer.
+
+        Parameters
+        ----------
+        chosen : (B,) int
+            Positions in `table`; frames of one size.
+        which : (B, k) int
+            Which of the K salient frames of each.
+        out : (B, k, H, W, C) uint8, C-contiguous
+            C = 1 asks for luma.
+        reference : (B, H, W, C) uint8, optional
+            Where the images without contact go.
+        on_corrupt : {"raise", "skip", "substitute"}
+            ``raise`` stops at the first damaged frame; the others make it black and say so. Where
+            the reference or the selection is damaged, all frames of the clip count as damaged.
+
+        Returns
+        -------
+        Outcome
+
+        Raises
+        ------
+        DamagedDataError
+            Names episode, stream and frame.
+        ChangedDataError
+            The dataset is not what it was when it was opened; whatever `on_corrupt` is.
+        """
+        there = np.zeros(which.shape, dtype=bool)
+        damaged = np.zeros(which.shape, dtype=bool)
+        for row, index in enumerate(chosen.tolist()):
+            clip, rows = self.table[index], slice(row, row + 1)
+            try:
+                numbers = self.salient(index).numbers[which[rows]]
+            except DamagedDataError as error:
+                if on_corrupt == "raise" or isinstance(error, ChangedDataError):
+                    raise
+                out[row] = 0
+                if reference is not None:
+                    reference[row] = 0
+                damaged[row] = True
+                continue
+            there[rows], damaged[rows] = read_frames(
+                self._readers,
+                clip.stream,
+                np.array([clip.episode]),
+                numbers,
+                np.array([row]),
+                out,
+                reference,
+                on_corrupt=on_corrupt,
+            )
+        return Outcome(there, damaged)
+
     def _select(self, clip: Clip) -> SalientFrames:
         episode = open_episode(self.dataset.episode_location(clip.episode))
         view = episode[clip.stream]
@@ -300,8 +366,8 @@ def _computed_salient(view: StreamView, wanted: int) -> np.ndarray:
 
 def _list_clips(
     dataset: "Dataset", wanted: set[str] | None, provenance: Provenance
-) -> tuple[list[Clip], dict[str, int], dict[str, str]]:
-    """Return clips, what was left out, and how the frames of each stream are stored."""
+) -> tuple[list[Clip], dict[str, int], dict[str, str], np.ndarray]:
+    """Return clips, what was left out, how frames are stored, and digests of root documents."""
     left_out: Counter[str] = Counter()
     chosen: list[int] = []
     encodings: dict[str, str] = {}
@@ -321,24 +387,28 @@ def _list_clips(
                 encodings[name] = s["encoding"]
     locations = {dataset.episode_location(position): position for position in chosen}
     described: dict[int, dict[str, Clip]] = {}
+    roots = np.zeros((len(dataset), 32), dtype=np.uint8)
     read = partial(_describe, provenance=provenance)
     few = len(chosen) < _MANY_EPISODES
     for outcome in map_items(read, list(locations), workers=1 if few else None):
         if outcome.value is None:
             assert outcome.error is not None  # noqa: S101  # an outcome has one of the two
             raise outcome.error
-        described[locations[outcome.item]] = outcome.value
+        position = locations[outcome.item]
+        described[position], root = outcome.value
+        roots[position] = np.frombuffer(bytes.fromhex(root), dtype=np.uint8)
     table = [
         replace(clip, episode=position)
         for position in chosen
         for name, clip in described[position].items()
         if name in frames[position]
     ]
-    return table, {reason: count for reason, count in left_out.items() if count}, encodings
+    reasons = {reason: count for reason, count in left_out.items() if count}
+    return table, reasons, encodings, roots
 
 
-def _describe(location: str, *, provenance: Provenance) -> dict[str, Clip]:
-    """Read what is known of the tactile streams of an episode."""
+def _describe(location: str, *, provenance: Provenance) -> tuple[dict[str, Clip], str]:
+    """Read what is known of the tactile streams of an episode, and which revision it is."""
     episode = open_episode(location)
     about = episode.metadata.annotations or Annotations()
     labels, origin = _ratings(about.labels or (), provenance)
@@ -365,7 +435,7 @@ def _describe(location: str, *, provenance: Provenance) -> dict[str, Clip]:
             adjectives=adjectives,
             provenance=origin,
         )
-    return found
+    return found, episode.root_sha256
 
 
 def _ratings(

@@ -1,18 +1,19 @@
 """Contrastive batches of touch clips (Octopi-1.5)."""
 
 from collections.abc import Iterator, Sequence
-from itertools import chain
+from itertools import chain, product
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
 import torch
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from exumi_data.errors import UsageError
+from exumi_data.errors import DamagedDataError, UsageError
 from exumi_loaders.clip_batches import ClipBatches, Item, as_is
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clip, Clips
 from exumi_loaders.pairing import PairRules, batch_count, pair_batches, shuffled_batches
+from exumi_loaders.window_frames import OnCorrupt
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset as EpisodeDataset
@@ -72,6 +73,10 @@ class ContrastiveBatches(Dataset[Item]):
     ``clip``               (P, 2) int64                 position in ``clips.table``
     ``episode``            (P, 2) int64                 position in ``clips.dataset``
     ``group``              () int64                     position in ``groups``
+    ``replaced``           (P, 2) int64                 damaged clips that this one stands for
+                                                        (``on_corrupt="skip"`` only)
+    ``substituted``        (P, 2) int64                 damaged frames that are black
+                                                        (``on_corrupt="substitute"`` only)
     =====================  ===========================  ====================================
 
     Parameters
@@ -91,6 +96,12 @@ class ContrastiveBatches(Dataset[Item]):
         See `split_dataset`; by default parts of ``val`` are unseen in ``train``.
     grey_tactile : bool
         Give one channel (luma) of colour frames.
+    on_corrupt : {"raise", "skip", "substitute"}
+        What happens at damaged data. ``raise``: an error that names episode, stream and frame.
+        ``skip``: another clip of the same part takes the place, and ``replaced`` counts the
+        damaged ones; a part that has none is left out of the batch, unless fewer than `min_parts`
+        would remain. ``substitute``: the frame is black, marked in ``frames_valid`` and counted
+        in ``substituted``. A dataset that changed since it was opened is an error in any case.
     seed : int
         Of pairs, batches, and a split made on the fly.
 
@@ -131,6 +142,7 @@ class ContrastiveBatches(Dataset[Item]):
         split_by: SplitLevel = "part",
         split_ratio: tuple[int, int] = (15, 1),
         grey_tactile: bool = False,
+        on_corrupt: OnCorrupt = "raise",
         seed: int = 0,
     ) -> None:
         if not 2 <= min_parts <= parts:
@@ -156,7 +168,14 @@ class ContrastiveBatches(Dataset[Item]):
             for members, group in zip(self._members, self.groups, strict=True)
             if group.batches
         ]
-        self._batches = ClipBatches(self.clips, list(chain(*filled)), grey=grey_tactile)
+        self._skips = on_corrupt == "skip"
+        self._batches = ClipBatches(
+            self.clips,
+            list(chain(*filled)),
+            grey=grey_tactile,
+            # Pairs are replaced here: they have to be of one part, and of two episodes.
+            on_corrupt="substitute" if self._skips else on_corrupt,
+        )
         for chosen in filled:
             self._batches.require_one_size(chosen)
         self._part_index = {name: index for index, name in enumerate(self.parts)}
@@ -263,12 +282,48 @@ class ContrastiveBatches(Dataset[Item]):
             msg = f"batch {number} of {len(self)}"
             raise IndexError(msg)
         group, pairs = self.plan(epoch)[number]
-        part = [self._part_index[self._part_of(clip)] for clip in pairs[:, 0].tolist()]
-        return {
-            **self._batches.fill(pairs),
-            "part": torch.tensor(part),
-            "group": torch.tensor(group),
-        }
+        batch = self._batches.fill(pairs)
+        if self._skips:
+            batch = self._without_damage(batch, self._members[group])
+        clips = batch["clip"][:, 0].tolist()
+        part = [self._part_index[self._part_of(clip)] for clip in clips]
+        return {**batch, "part": torch.tensor(part), "group": torch.tensor(group)}
+
+    def _without_damage(self, batch: Item, members: _Members) -> Item:
+        """Replace clips that are damaged, or leave their parts out."""
+        pairs = batch["clip"].numpy()
+        replaced = np.zeros_like(pairs)
+        damaged: set[int] = set()
+        while (bad := batch.pop("substituted").numpy() > 0).any():
+            damaged.update(pairs[bad].tolist())
+            other = [self._sound_pair(pair, members, damaged) for pair in pairs.tolist()]
+            kept = np.array([pair is not None for pair in other])
+            if kept.sum() < self._rules.least:
+                raise DamagedDataError(
+                    f"{len(damaged)} clip(s) of a batch of {len(pairs)} parts are damaged, and too "
+                    "few others are there",
+                    where=self.clips.dataset.path,
+                    fix="See what is damaged: exumi validate --level data",
+                )
+            replaced = (replaced + bad)[kept]
+            pairs = np.array([pair for pair in other if pair is not None])
+            batch = self._batches.fill(pairs)
+        return {**batch, "replaced": torch.from_numpy(replaced)}
+
+    def _sound_pair(
+        self, pair: list[int], members: _Members, damaged: set[int]
+    ) -> list[int] | None:
+        """Return a pair of the same part of which nothing is known to be damaged, or None."""
+        if damaged.isdisjoint(pair):
+            return pair
+        part = self._part_of(pair[0])
+        mine = [clip for clip in members.clips.tolist() if self._part_of(clip) == part]
+        sound = [clip for clip in mine if clip not in damaged]
+        # What is sound of the pair stays, in its place.
+        for one, other in product(*([clip] if clip in sound else sound for clip in pair)):
+            if self.clips.table[one].episode != self.clips.table[other].episode:
+                return [one, other]
+        return None
 
     def _part_of(self, clip: int) -> str:
         part_id = self.clips.table[clip].part_id

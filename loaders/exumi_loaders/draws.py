@@ -3,7 +3,7 @@
 Every window hashes its own counter (SplitMix64, Steele et al. 2014), so a draw needs no state
 that workers could share or lose, and a whole batch is drawn at once. What a draw is for is a
 number: 0 history, 1 rejection, 2 and 3 sampling by activity, 16 to 19 dropout, 20 noise of the
-start pose, 21 replacements of damaged windows.
+start pose, 21 replacements of damaged windows, 26 of damaged clips.
 """
 
 import numpy as np

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any, Literal, SupportsIndex
 import numpy as np
 from torch.utils.data import DataLoader, Dataset
 
-from exumi_data.errors import UsageError
+from exumi_data.errors import ChangedDataError, DamagedDataError, UsageError
 from exumi_data.store.files import atomic_file
-from exumi_loaders.clip_batches import ClipBatches, as_is
+from exumi_loaders.clip_batches import ClipBatches, as_is, replacements
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clip, Clips, Provenance
 from exumi_loaders.draws import words
 from exumi_loaders.instruction_text import Asked, Ties, answer_text, question_text
+from exumi_loaders.options import one_of
+from exumi_loaders.window_frames import OnCorrupt
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset as EpisodeDataset
@@ -29,6 +31,8 @@ TASKS: tuple[Task, ...] = ("describe", "describe_and_rank", "rank")
 _PURPOSE = 23  # of draws, see draws.py
 _BLOCK = 64
 _ATTEMPTS = 500
+_MOST_REPLACEMENTS = 100
+_FIRST = np.zeros(1, dtype=np.int64)
 
 Kind = tuple[str, str | None]
 
@@ -133,6 +137,12 @@ class InstructionSamples(Dataset[dict[str, Any]]):
         See `split_dataset`: parts of ``test`` or ``val`` are in no sample of ``train``.
     grey_tactile : bool
         Give one channel (luma) of colour frames.
+    on_corrupt : {"raise", "skip", "substitute"}
+        What happens at damaged frames of a sample that is read. ``raise``: an error that names
+        episode, stream and frame. ``skip``: another sample takes the place (drawn by seed and
+        index), and ``replaced`` counts the damaged ones. ``substitute``: the frame is black,
+        marked in ``frames_valid`` and counted in ``substituted``. A dataset that changed since it
+        was opened is an error in any case. `instruction` and `write_jsonl` decode nothing.
     seed : int
         Of samples, and of a split made on the fly.
 
@@ -183,6 +193,7 @@ class InstructionSamples(Dataset[dict[str, Any]]):
         split_by: SplitLevel = "part",
         split_ratio: tuple[int, int] = (15, 1),
         grey_tactile: bool = False,
+        on_corrupt: OnCorrupt = "raise",
         seed: int = 0,
     ) -> None:
         _check_options(count, tasks, ties, tie_margin, max_objects, max_parts)
@@ -195,7 +206,15 @@ class InstructionSamples(Dataset[dict[str, Any]]):
         self._most = (max_objects, max_parts)
         usable, self.left_out = _usable(self.clips.table)
         self._choices = self._make_choices(usable)
-        self._batches = ClipBatches(self.clips, usable, grey=grey_tactile)
+        one_of("on_corrupt", on_corrupt, ("raise", "skip", "substitute"))
+        self._skips = on_corrupt == "skip"
+        self._batches = ClipBatches(
+            self.clips,
+            usable,
+            grey=grey_tactile,
+            # Here, a sample is replaced as a whole, not a clip of it.
+            on_corrupt="raise" if self._skips else on_corrupt,
+        )
 
     def __len__(self) -> int:
         return self._count
@@ -313,8 +332,29 @@ class InstructionSamples(Dataset[dict[str, Any]]):
             ``frames`` (G, K, C, H, W) uint8 of G parts, ``frames_valid`` (G, K) bool,
             ``reference`` (G, C, H, W) uint8 if all clips have one, ``clip`` and ``episode`` (G,)
             int64; ``labels`` (G names such as ``1.1``), ``question``, ``answer``, ``task`` (str).
+            ``replaced`` (int) with ``skip``, ``substituted`` (G,) int64 with ``substitute``.
         """
-        sample = self.instruction(index.__index__())
+        number = index.__index__()
+        if not self._skips:
+            return self._read(number)
+        for tries in range(_MOST_REPLACEMENTS + 1):
+            asked = replacements(self._seed, [number], _FIRST, tries, len(self)) if tries else None
+            try:
+                item = self._read(number if asked is None else int(asked[0]))
+            except ChangedDataError:
+                raise
+            except DamagedDataError:
+                continue
+            return {**item, "replaced": tries}
+        raise DamagedDataError(
+            f"sample {number} and {_MOST_REPLACEMENTS} that were drawn to replace it have damaged "
+            "frames",
+            where=self.clips.dataset.path,
+            fix="See what is damaged: exumi validate --level data",
+        )
+
+    def _read(self, number: int) -> dict[str, Any]:
+        sample = self.instruction(number)
         chosen = [part.clip for part in sample.parts]
         self._batches.require_one_size(chosen)
         return {

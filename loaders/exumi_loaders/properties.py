@@ -8,10 +8,17 @@ import torch
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from exumi_data.errors import UsageError
-from exumi_loaders.clip_batches import ClipBatches, Item, make_loader, positions
+from exumi_loaders.clip_batches import (
+    ClipBatches,
+    Item,
+    make_loader,
+    positions,
+    replacements,
+)
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clips, Provenance
 from exumi_loaders.sampler import WindowIndex
+from exumi_loaders.window_frames import OnCorrupt
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset as EpisodeDataset
@@ -32,6 +39,10 @@ class PropertyWindows(Dataset[Item]):
     ``rating_valid``    (P,) bool                whether there is a rating
     ``clip``            () int64                 position in ``clips.table``
     ``episode``         () int64                 position in ``clips.dataset``
+    ``replaced``        () int64                 damaged clips that this one stands for
+                                                 (``on_corrupt="skip"`` only)
+    ``substituted``     () int64                 damaged frames that are black
+                                                 (``on_corrupt="substitute"`` only)
     ==================  =======================  ==============================================
 
     A missing label is masked, never made up: a loss takes ``rating_valid`` as its weight.
@@ -54,6 +65,12 @@ class PropertyWindows(Dataset[Item]):
         See `split_dataset`; by default parts of ``val`` are unseen in ``train``.
     grey_tactile : bool
         Give one channel (luma) of colour frames.
+    on_corrupt : {"raise", "skip", "substitute"}
+        What happens at damaged data. ``raise``: an error that names episode, stream and frame.
+        ``skip``: another clip takes the place (drawn by seed, epoch and index), and ``replaced``
+        counts the damaged ones; batches keep their size. ``substitute``: the frame is black,
+        marked in ``frames_valid`` and counted in ``substituted``. A dataset that changed since it
+        was opened is an error in any case.
     seed : int
         Of the order and of a split made on the fly.
 
@@ -92,6 +109,7 @@ class PropertyWindows(Dataset[Item]):
         split_by: SplitLevel = "part",
         split_ratio: tuple[int, int] = (15, 1),
         grey_tactile: bool = False,
+        on_corrupt: OnCorrupt = "raise",
         seed: int = 0,
     ) -> None:
         dataset = split_dataset(dataset, split, by=split_by, ratio=split_ratio, seed=seed)
@@ -109,7 +127,9 @@ class PropertyWindows(Dataset[Item]):
         self.rating_valid = known[kept]
         self.rating = np.where(self.rating_valid, ratings[kept], np.float32(0))
         self._seed = seed
-        self._batches = ClipBatches(self.clips, self._clip.tolist(), grey=grey_tactile)
+        self._batches = ClipBatches(
+            self.clips, self._clip.tolist(), grey=grey_tactile, on_corrupt=on_corrupt
+        )
         self._batches.require_one_size(self._clip.tolist())
 
     def _require_known(self, provenance: Provenance) -> None:
@@ -151,8 +171,13 @@ class PropertyWindows(Dataset[Item]):
             Each with a first axis of ``len(indices)``.
         """
         chosen = positions(indices, len(self))
+
+        def redraw(rows: np.ndarray, tries: int) -> np.ndarray:
+            chosen[rows] = replacements(self._seed, indices, rows, tries, len(self))
+            return np.asarray(self._clip[chosen[rows]])
+
         return {
-            **self._batches.fill(self._clip[chosen]),
+            **self._batches.fill(self._clip[chosen], redraw),
             "rating": torch.from_numpy(self.rating[chosen]),
             "rating_valid": torch.from_numpy(self.rating_valid[chosen]),
         }

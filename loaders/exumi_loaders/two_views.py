@@ -8,10 +8,17 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from exumi_loaders.clip_batches import ClipBatches, Item, make_loader, positions
+from exumi_loaders.clip_batches import (
+    ClipBatches,
+    Item,
+    make_loader,
+    positions,
+    replacements,
+)
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clips
 from exumi_loaders.sampler import WindowIndex
+from exumi_loaders.window_frames import OnCorrupt
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset as EpisodeDataset
@@ -35,6 +42,10 @@ class TwoViews(Dataset[Item]):
     ``valid``       () bool                False: a short clip's last frame once more
     ``clip``        () int64               position in ``clips.table``
     ``episode``     () int64               position in ``clips.dataset``
+    ``replaced``    () int64               damaged frames that this one stands for
+                                           (``on_corrupt="skip"`` only)
+    ``substituted`` () int64               1 where the frame is damaged, and black
+                                           (``on_corrupt="substitute"`` only)
     ==============  =====================  =====================================================
 
     Parameters
@@ -50,6 +61,12 @@ class TwoViews(Dataset[Item]):
         See `split_dataset`.
     grey_tactile : bool
         Give one channel (luma) of colour frames.
+    on_corrupt : {"raise", "skip", "substitute"}
+        What happens at damaged data. ``raise``: an error that names episode, stream and frame.
+        ``skip``: a frame of another clip takes the place (drawn by seed, epoch and index), and
+        ``replaced`` counts the damaged ones; batches keep their size. ``substitute``: the frame is
+        black, marked in ``valid`` and counted in ``substituted``. A dataset that changed since it
+        was opened is an error in any case.
     seed : int
         Of the order and of a split made on the fly.
 
@@ -70,7 +87,7 @@ class TwoViews(Dataset[Item]):
     ...     loss = byol(one, other)
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  # keyword-only options, each with a default
         self,
         dataset: "EpisodeDataset",
         *,
@@ -80,13 +97,14 @@ class TwoViews(Dataset[Item]):
         split_by: SplitLevel = "part",
         split_ratio: tuple[int, int] = (15, 1),
         grey_tactile: bool = False,
+        on_corrupt: OnCorrupt = "raise",
         seed: int = 0,
     ) -> None:
         dataset = split_dataset(dataset, split, by=split_by, ratio=split_ratio, seed=seed)
         self.clips = Clips(dataset, stream=stream, frames=frames)
         self._seed = seed
         chosen = range(len(self.clips))
-        self._batches = ClipBatches(self.clips, chosen, grey=grey_tactile)
+        self._batches = ClipBatches(self.clips, chosen, grey=grey_tactile, on_corrupt=on_corrupt)
         self._batches.require_one_size(chosen)
 
     def __len__(self) -> int:
@@ -111,7 +129,12 @@ class TwoViews(Dataset[Item]):
             Each with a first axis of ``len(indices)``.
         """
         clip, which = np.divmod(positions(indices, len(self)), self.clips.frames)
-        return self._batches.fill_single(clip, which)
+
+        def redraw(rows: np.ndarray, tries: int) -> np.ndarray:
+            drawn = replacements(self._seed, indices, rows, tries, len(self))
+            return np.asarray(drawn // self.clips.frames)
+
+        return self._batches.fill_single(clip, which, redraw)
 
     def loader(
         self,

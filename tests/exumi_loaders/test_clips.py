@@ -54,6 +54,13 @@ def test_ratings_are_persons_unless_asked_otherwise(
     assert Clips(dataset, provenance="any").table[0].labels == either
 
 
+def test_there_are_limits_to_the_number_of_frames(make_touches: Any, touch: Any) -> None:
+    dataset = make_touches(touch())
+    for frames in (0, 5000, 10**12):
+        with pytest.raises(UsageError, match="from 1 to 4096"):
+            Clips(dataset, frames=frames)
+
+
 def test_the_most_salient_frames_come_in_time_order(make_touches: Any, touch: Any) -> None:
     clips = Clips(make_touches(touch(brightness=(0, 1, 9, 9, 4, 5))), frames=2)
     with pytest.warns(SalienceWarning, match="decodes the whole clip"):

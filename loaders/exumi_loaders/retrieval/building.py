@@ -193,12 +193,22 @@ def _encode(
 
 def _encoded(clips: Clips, encoder: Encoder) -> Iterator[tuple[np.ndarray, Entry]]:
     for index, clip in enumerate(clips.table):
-        frames, reference = clips.read(index)
-        frames = frames[clips.salient(index).valid]
+        frames, reference = _read(clips, index)
         with clips.dataset[clip.episode] as episode:
             origins = identities(episode.metadata, clip.stream)
-        made = embed(encoder, frames, reference, kind=clip.kind, origins=origins)
+        try:
+            made = embed(encoder, frames, reference, kind=clip.kind, origins=origins)
+        except UsageError as error:
+            where = f"{clips.dataset.episode_location(clip.episode)}, stream {clip.stream}"
+            raise UsageError(error.what, where=error.where or where, fix=error.fix) from None
         yield made.vector, entry_of_clip(clip, made.origins)
+
+
+def _read(clips: Clips, index: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """Decode the salient frames that a clip has, none of them twice."""
+    which = np.flatnonzero(clips.salient(index).valid)
+    frames = np.empty((len(which), *clips.table[index].shape), dtype=np.uint8)
+    return frames, clips.read_into(index, frames, which=which)
 
 
 def entry_of_clip(clip: Clip, origins: tuple[str, ...]) -> Entry:

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from exumi_data.errors import MetadataError, UnsupportedError
 from exumi_data.model.documents import load_json, problems_of
 from exumi_data.model.json_limits import MAX_LIST_PARTS
+from exumi_loaders.clips import MOST_FRAMES
 
 __all__ = [
     "INDEX_VERSION",
@@ -68,7 +69,7 @@ class IndexDocument(_Part):
     generation: _Count = 0
     """Grows by one with each change."""
     encoder: EncoderStatement
-    frames: Annotated[int, Field(ge=1)]
+    frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)]
     """Salient frames a clip."""
     dimension: _Width
     """Of the vectors that are stored."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,6 +20,7 @@ Provenance = Literal["human", "model"]
 
 _MOST_LETTERS = 1000
 _MOST_WORDS = 200
+_MOST_ORIGINS = 10_000
 _ROWS = 65_536  # written at a time
 
 
@@ -63,13 +65,20 @@ class Entry:
     origins: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        words = (self.id, self.name, *self.adjectives, *self.labels, *self.origins)
-        words += tuple(w for w in (self.object_id, self.part_id, self.part) if w is not None)
         if not self.name.strip():
             raise UsageError("an entry needs a name")
-        if len(words) > _MOST_WORDS or any(len(word) > _MOST_LETTERS for word in words):
+        if self.provenance not in ("human", "model"):
+            raise UsageError(f"invalid provenance ({self.provenance[:40]!r}) of an entry")
+        if not all(0 <= value <= 10 for value in self.labels.values()):
+            raise UsageError(f"labels are from 0 to 10, not {self.labels}", where=self.id)
+        words = (self.id, self.name, *self.adjectives, *self.labels)
+        words += tuple(w for w in (self.object_id, self.part_id, self.part) if w is not None)
+        many = len(words) > _MOST_WORDS or len(self.origins) > _MOST_ORIGINS
+        words += self.origins
+        if many or any(len(word) > _MOST_LETTERS for word in words):
             raise UsageError(
-                f"an entry has at most {_MOST_WORDS} words of {_MOST_LETTERS} letters",
+                f"an entry has at most {_MOST_WORDS} words of {_MOST_LETTERS} letters, and is told "
+                f"by at most {_MOST_ORIGINS}",
                 where=self.name[:40],
             )
         if any("\ud800" <= letter <= "\udfff" for word in words for letter in word):
@@ -163,16 +172,36 @@ def read_entries(path: Path, rows: int) -> "pa.Table":
         mistake = str(error).partition("\n")[0]
     if mistake is not None:
         raise DamagedDataError(f"cannot be read: {mistake}", where=path)
-    if not table.schema.equals(_schema()) or table.num_rows != rows:
+    if not table.schema.equals(_schema()) or table.num_rows != rows or _has_holes(table):
         raise DamagedDataError("is no table of so many entries", where=path)
     return table
 
 
+def _has_holes(table: "pa.Table") -> bool:
+    """Whether a word, a label or its value is missing in a list."""
+    lists = [
+        chunk.flatten()
+        for name in ("adjectives", "labels", "origins")
+        for chunk in table.column(name).chunks
+    ]
+    pairs = [values.flatten() for values in lists if values.type.num_fields]
+    return any(values.null_count for values in (*lists, *chain(*pairs)))
+
+
 def entry_of(row: dict[str, Any]) -> Entry:
-    """Make an entry of a row of the table."""
+    """Make an entry of a row of the table.
+
+    Raises
+    ------
+    DamagedDataError
+        It is none that could have been written.
+    """
     known = {**row, "adjectives": tuple(row["adjectives"]), "origins": tuple(row["origins"])}
     known["labels"] = {label["property"]: label["value"] for label in row["labels"]}
-    return Entry(**known)
+    try:
+        return Entry(**known)
+    except UsageError as error:
+        raise DamagedDataError(f"an entry is damaged: {error.what}", where=error.where) from None
 
 
 def group_codes(tables: Sequence["pa.Table"], unique: str) -> np.ndarray:

@@ -27,7 +27,7 @@ from exumi_loaders.retrieval.matches import (
     similar_line,
 )
 from exumi_loaders.retrieval.space import unit
-from exumi_loaders.retrieval.writing import check_free, write_index
+from exumi_loaders.retrieval.writing import fill_index, new_index
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
@@ -157,28 +157,28 @@ class TactileIndex:
             A frame cannot be decoded.
         """
         target = Path(path)
-        check_free(target)
         if split is not None:
             from exumi_data.splits import split_ids
 
             dataset = dataset.select(split_ids(dataset, split, by="part"))
         encoder = encoder or _encoder_for(dataset, stream)
-        clips = encode_clips(
-            dataset,
-            encoder,
-            stream=stream,
-            frames=frames,
-            provenance=provenance,
-            workers=workers,
-            on_done=on_done,
-        )
-        source = SourceStatement(
-            name=dataset.metadata.name,
-            digest=dataset.fingerprint,
-            split=split,
-            clips=len(clips),
-        )
-        write_index(target, clips, encoder, frames=frames, source=source)
+        with new_index(target) as partial:
+            clips = encode_clips(
+                dataset,
+                encoder,
+                stream=stream,
+                frames=frames,
+                provenance=provenance,
+                workers=workers,
+                on_done=on_done,
+            )
+            source = SourceStatement(
+                name=dataset.metadata.name,
+                digest=dataset.fingerprint,
+                split=split,
+                clips=len(clips),
+            )
+            fill_index(partial, clips, encoder, frames=frames, source=source)
         return cls(target, encoder=encoder)
 
     def _load(self) -> None:
@@ -490,6 +490,8 @@ class TactileIndex:
         ratings = {key: float(value) for key, value in (labels or {}).items()}
         if not all(0 <= value <= 10 for value in ratings.values()):
             raise UsageError(f"labels are from 0 to 10, not {ratings}")
+        if not all(word.strip() for word in (*adjectives, *ratings)):
+            raise UsageError("an adjective or the name of a label is empty", where=name)
         entry = Entry(
             id=f"taught/{uuid.uuid4()}",
             name=name,
@@ -542,7 +544,7 @@ class TactileIndex:
         self._load()
         if not gone:
             raise UsageError(
-                f"nothing was taught as {name or entry!r}",
+                f"nothing was taught as {value!r}",
                 where=self.path,
                 fix="See what there is with: exumi index info. With built=True (--built), entries "
                 "of the dataset are forgotten, too.",

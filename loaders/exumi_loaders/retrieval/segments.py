@@ -94,8 +94,17 @@ def write_segment(
     return SegmentStatement(name=name, rows=rows)
 
 
-def write_vectors(folder: Path, vectors: np.ndarray | Iterable[np.ndarray]) -> int:
+def write_vectors(
+    folder: Path, vectors: np.ndarray | Iterable[np.ndarray], *, mapped: bool = True
+) -> int:
     """Write an array (N, d) float32; return N.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+    vectors : (N, d) float32, or blocks of them
+    mapped : bool
+        As it is, to be mapped into memory; or compressed, with checksums, to be read whole.
 
     Raises
     ------
@@ -109,14 +118,13 @@ def write_vectors(folder: Path, vectors: np.ndarray | Iterable[np.ndarray]) -> i
                 raise UsageError("a vector has numbers that are not finite", where=folder)
             if writer is None:
                 chunk = max(1, _CHUNK_BYTES // (4 * block.shape[1]))
-                # Uncompressed: the files are mapped into memory as they are.
                 names = ("entry", "dimension")
                 writer = ArrayWriter(
                     folder,
                     np.float32,
                     block.shape[1:],
                     chunk_rows=chunk,
-                    zstd=False,
+                    zstd=not mapped,
                     dimension_names=names,
                 )
             writer.append(block)

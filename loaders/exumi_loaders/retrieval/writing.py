@@ -2,6 +2,8 @@
 
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from exumi_loaders.retrieval.folder import write_document
 from exumi_loaders.retrieval.segments import write_segment, write_vectors
 from exumi_loaders.retrieval.space import METHOD, Space, fit_space, unit
 
-__all__ = ["check_free", "read_space", "write_index"]
+__all__ = ["check_free", "fill_index", "new_index", "read_space", "write_index"]
 
 _SPACE = "space"
 _MOST_NUMBERS = 1 << 26
@@ -43,27 +45,32 @@ def write_index(
     frames : int
     source : SourceStatement, optional
     """
+    with new_index(target) as partial:
+        fill_index(partial, clips, encoder, frames=frames, source=source)
+
+
+@contextmanager
+def new_index(target: Path) -> Iterator[Path]:
+    """Yield the folder to write an index in; at the end it gets its name, or is removed.
+
+    The place is claimed at once: nobody else builds there meanwhile, and a folder that cannot be
+    written to is found out before anything is encoded.
+
+    Parameters
+    ----------
+    target : pathlib.Path
+        A new folder.
+
+    Raises
+    ------
+    UsageError
+        Something of that name is there; it lies inside an episode; another process builds it.
+    """
     check_free(target)
-    space = None if encoder.whitening is None else fit_space(clips.vectors, encoder.whitening)
-    placed = unit(clips.vectors) if space is None else space.place(clips.vectors)
     partial = target.with_name(f".partial-{target.name}")
     claim = claim_folder(partial)
     try:
-        (partial / "zarr.json").write_bytes(group_document())
-        if space is not None:
-            _write_space(partial / _SPACE, space)
-        statement = EncoderStatement(
-            name=encoder.name, digest=encoder.digest, dimension=encoder.dimension
-        )
-        document = IndexDocument(
-            encoder=statement,
-            frames=frames,
-            dimension=placed.shape[1],
-            space=None if space is None else METHOD,
-            source=source,
-            segments=[write_segment(partial, placed, clips.entries)],
-        )
-        write_document(partial, document)
+        yield partial
         sync_tree(partial)
         check_free(target)
         partial.rename(target)
@@ -75,19 +82,64 @@ def write_index(
         os.close(claim)
 
 
+def fill_index(
+    partial: Path,
+    clips: EncodedClips,
+    encoder: Encoder,
+    *,
+    frames: int,
+    source: SourceStatement | None = None,
+) -> None:
+    """Write the files of an index.
+
+    Parameters
+    ----------
+    partial : pathlib.Path
+        An empty folder.
+    clips : EncodedClips
+    encoder : Encoder
+    frames : int
+    source : SourceStatement, optional
+    """
+    space = None if encoder.whitening is None else fit_space(clips.vectors, encoder.whitening)
+    placed = unit(clips.vectors) if space is None else space.place(clips.vectors)
+    (partial / "zarr.json").write_bytes(group_document())
+    if space is not None:
+        _write_space(partial / _SPACE, space)
+    document = IndexDocument(
+        encoder=EncoderStatement(
+            name=encoder.name, digest=encoder.digest, dimension=encoder.dimension
+        ),
+        frames=frames,
+        dimension=placed.shape[1],
+        space=None if space is None else METHOD,
+        source=source,
+        segments=[write_segment(partial, placed, clips.entries)],
+    )
+    write_document(partial, document)
+
+
 def _write_space(folder: Path, space: Space) -> None:
     folder.mkdir()
     (folder / "zarr.json").write_bytes(group_document())
-    write_vectors(folder / "mean", space.mean[None])
-    write_vectors(folder / "matrix", space.matrix)
+    write_vectors(folder / "mean", space.mean[None], mapped=False)
+    write_vectors(folder / "matrix", space.matrix, mapped=False)
 
 
 def check_free(target: Path) -> None:
-    """Raise `UsageError` if something of that name is there."""
+    """Raise `UsageError` if something of that name is there, or it lies inside a Zarr store."""
     if target.exists() or target.is_symlink():
         raise UsageError(
             "is there already", where=target, fix="Remove it first, or name another folder."
         )
+    parent = Path(os.path.realpath(target.parent))  # a link may lead into one
+    for folder in (parent, *parent.parents):
+        if (folder / "zarr.json").is_file():
+            raise UsageError(
+                f"lies inside {folder}, an episode or another index, to which it would be damage",
+                where=target,
+                fix="Name a folder beside it.",
+            )
 
 
 def read_space(root: Path, document: IndexDocument) -> Space | None:

@@ -124,6 +124,25 @@ def test_eval_scores_and_refuses(index: Path, gratings: Path) -> None:
             "not like hardness=7",
         ),
         (("forget", "{index}"), "one of the two"),
+        (("forget", "{index}", ""), "nothing was taught as ''"),
+        (("teach", "{index}", "{data}", "--episode", "0", "--name", ""), "needs a name"),
+        (
+            ("teach", "{index}", "{data}", "--episode", "0", "--name", "x", "--label", "=3"),
+            "'=3' is not like hardness=7",
+        ),
+        (
+            (
+                *("teach", "{index}", "{data}", "--episode", "0", "--name", "x"),
+                *("--label", "soft=3", "--label", "soft=4"),
+            ),
+            "gives 'soft' twice",
+        ),
+        (
+            ("teach", "{index}", "{data}", "--episode", "0", "--name", "x", "--label", "soft=nan"),
+            "from 0 to 10",
+        ),
+        (("build", "{data}", "new", "--frames", "99999999999"), "from 1 to 4096"),
+        (("build", "{data}", "{index}/index"), "lies inside"),
     ],
 )
 def test_mistakes_are_said_in_one_line(
@@ -139,6 +158,22 @@ def test_mistakes_are_said_in_one_line(
     assert done.exit_code == 2
     assert said in done.stderr.replace("\n", " ")
     assert not (tmp_path / "new").exists()
+
+
+def test_names_cannot_command_a_terminal(index: Path, gratings: Path) -> None:
+    name = "a \x1b[31mball\nmy-index: forgot 9 of everything"
+    taught = run("teach", index, gratings, "--episode", grating_id(4, 0), "--name", name)
+    assert taught.exit_code == 0
+    asked = run("query", index, gratings, "--episode", grating_id(4, 0), "-k", 1)
+    document = json.loads((index / "index.json").read_text())
+    document["source"]["name"] = name
+    (index / "index.json").write_text(json.dumps(document))
+    told = run("info", index)
+    forgotten = run("forget", index, name)
+    for done, lines in ((taught, 1), (asked, 1), (told, 4), (forgotten, 1)):
+        assert "\\x1b[31mball\\nmy-index" in done.stdout
+        assert "\x1b" not in done.stdout
+        assert len(done.stdout.splitlines()) == lines
 
 
 def test_every_verb_shows_examples() -> None:

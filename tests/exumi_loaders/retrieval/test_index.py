@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -198,6 +199,8 @@ def test_options_are_checked(index: TactileIndex, options: Any, said: str) -> No
         ({"name": "x", "provenance": "me"}, "invalid provenance"),
         ({"name": "x", "labels": {"hardness": 11}}, "from 0 to 10"),
         ({"name": "x", "adjectives": ["y" * 2000]}, "letters"),
+        ({"name": "x", "adjectives": ["soft", " "]}, "is empty"),
+        ({"name": "x", "labels": {"": 5}}, "is empty"),
     ],
 )
 def test_lessons_are_checked(index: TactileIndex, options: Any, said: str) -> None:
@@ -216,11 +219,53 @@ def test_a_folder_that_is_there_is_left_alone(tmp_path: Path, gratings: exumi_da
 
 
 def test_a_build_that_fails_leaves_nothing(tmp_path: Path, gratings: exumi_data.Dataset) -> None:
-    with pytest.raises(UsageError, match="made for 3"):
+    with pytest.raises(UsageError, match=r"stream tactile: .*made for 3"):
         TactileIndex.build(gratings, TextureEncoder(3), path=tmp_path / "index")
     with pytest.raises(UsageError, match="two clips"):
         TactileIndex.build(gratings[:1], path=tmp_path / "index")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_place_is_claimed_before_anything_is_encoded(
+    tmp_path: Path, gratings: exumi_data.Dataset
+) -> None:
+    refused = []
+
+    def meanwhile(_done: int, _total: int) -> None:
+        with pytest.raises(UsageError, match="written by another process"):
+            TactileIndex.build(gratings, path=tmp_path / "index")
+        refused.append(True)
+
+    index = TactileIndex.build(gratings, path=tmp_path / "index", on_done=meanwhile)
+    assert refused
+    assert len(index) == 18
+    (tmp_path / "file").touch()
+
+    def never(done: int, _total: int) -> None:
+        pytest.fail(f"{done} clips were encoded for nothing")
+
+    with pytest.raises(NotADirectoryError):
+        TactileIndex.build(gratings, path=tmp_path / "file" / "index", on_done=never)
+
+
+def test_an_episode_and_another_index_are_left_whole(
+    index: TactileIndex, gratings: exumi_data.Dataset
+) -> None:
+    episode = Path(gratings.episode_location(0))
+    link = index.path.with_name("link")
+    link.symlink_to(episode)
+    for folder in (episode, link, index.path, index.path / "segments"):
+        before = sorted(folder.iterdir())
+        with pytest.raises(UsageError, match="lies inside"):
+            TactileIndex.build(gratings, path=folder / "index")
+        assert sorted(folder.iterdir()) == before
+
+
+def test_an_object_is_taught_by_as_many_clips_as_there_are(index: TactileIndex) -> None:
+    lesson = index.embed(pressed(11, 1), REST)
+    many = [replace(lesson, origins=(f"clip:{n}", f"pixels:{n}")) for n in range(300)]
+    assert index.teach(many, name="worn out").clips == 300
+    assert index.holds(["clip:299"])
 
 
 def _edit(path: Path, **changed: Any) -> None:
@@ -254,6 +299,24 @@ def test_an_index_cannot_ask_for_more_than_its_files_hold(index: TactileIndex) -
     document["codecs"][0]["configuration"]["chunk_shape"][0] = 2**10
     array.write_text(json.dumps(document))
     with pytest.raises(DamagedDataError, match="cut short"):
+        TactileIndex.open(index.path)
+
+
+def test_an_index_cannot_ask_for_memory_by_its_number_of_frames(index: TactileIndex) -> None:
+    for frames in (0, 10**9, 10**30):
+        _edit(index.path, frames=frames)
+        with pytest.raises(MetadataError, match=r"\$\.frames"):
+            TactileIndex.open(index.path)
+
+
+@pytest.mark.parametrize("name", ["mean", "matrix"])
+def test_a_flipped_bit_of_the_space_is_found(index: TactileIndex, name: str) -> None:
+    """It would shift all similarities a little, and nothing else would tell."""
+    file = index.path / "space" / name / "c" / "0" / "0"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3] ^= 0x10
+    file.write_bytes(content)
+    with pytest.raises(DamagedDataError):
         TactileIndex.open(index.path)
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -239,6 +241,29 @@ def test_vectors_that_are_not_numbers_are_not_written(tmp_path: Path) -> None:
         write_segment(tmp_path, np.full((1, 3), np.nan, np.float32), [Entry("e/t", "x")])
     with pytest.raises(UsageError, match="2 vectors for 1"):
         write_segment(tmp_path, np.zeros((2, 3), np.float32), [Entry("e/t", "x")])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"adjectives": [None]}, "no table"),
+        ({"origins": ["a", None]}, "no table"),
+        ({"labels": [None]}, "no table"),
+        ({"labels": [{"property": None, "value": 1.0}]}, "no table"),
+        ({"labels": [{"property": "hardness", "value": None}]}, "no table"),
+        ({"labels": [{"property": "hardness", "value": float("nan")}]}, "from 0 to 10"),
+        ({"provenance": "oracle"}, "invalid provenance"),
+        ({"name": ""}, "needs a name"),
+    ],
+)
+def test_entries_that_nobody_wrote_are_damage(tmp_path: Path, change: Any, said: str) -> None:
+    path = tmp_path / "entries.parquet"
+    write_entries(path, [Entry("a", "x", adjectives=("soft",), labels={"hardness": 3.0})])
+    table = pq.read_table(path)
+    row = {**table.to_pylist()[0], **change}
+    pq.write_table(pa.Table.from_pylist([row], schema=table.schema), path)
+    with pytest.raises(DamagedDataError, match=said):
+        entry_of(read_entries(path, 1).to_pylist()[0])
 
 
 def test_a_table_of_another_kind_is_refused(tmp_path: Path) -> None:
