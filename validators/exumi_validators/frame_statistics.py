@@ -153,8 +153,14 @@ class FrameStatistics:
 
     @cached_property
     def colours(self) -> UInt8Array | None:
-        """The median of the frames that were searched, on the grid, (h, w, 3); None without."""
-        return median_image(self._colours) if self._colours else None
+        """The median of the searched frames that resemble the reference most, on the grid.
+
+        (h, w, 3); None where it or the frames have no colours.
+        """
+        reference, images = self.colours_of_reference, self._colours
+        if reference is None or not images:
+            return None
+        return median_image(nearest_to(reference, images))
 
     def searches(self, index: int) -> bool:
         """Whether a frame is searched for jumps, for which its colours are needed."""
