@@ -221,7 +221,7 @@ def as_the_frames(episode: EpisodeContext) -> Iterator[Finding]:
 
 def _light(episode: EpisodeContext, image: UInt8Array) -> UInt8Array:
     """Average an image to the grid that references are compared on."""
-    columns, rows = (int(episode.limit("TACT-012", name)) for name in ("columns", "rows"))
+    columns, rows = (max(1, int(episode.limit("TACT-012", n))) for n in ("columns", "rows"))
     return np.frombuffer(coarse(image, columns, rows), np.uint8).reshape(rows, columns)
 
 
