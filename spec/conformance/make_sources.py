@@ -87,10 +87,10 @@ def grey_video() -> bytes:
     return buffer.getvalue()
 
 
-def catalog(files: dict[str, bytes], **columns: list[str]) -> bytes:
+def catalog(files: dict[str, bytes], *, backwards: bool = False, **columns: list[str]) -> bytes:
     """Return the catalog of a dataset of these episodes, as the library writes it.
 
-    Columns that are given stand in place of those of the episodes.
+    Columns that are given stand in place of those of the episodes; rows may be turned round.
     """
     from exumi_data.catalog import build_catalog, write_catalog
 
@@ -105,6 +105,8 @@ def catalog(files: dict[str, bytes], **columns: list[str]) -> bytes:
         for name, values in columns.items():
             place = table.schema.get_field_index(name)
             table = table.set_column(place, table.schema.field(name), [values])
+        if backwards:
+            table = table.take(list(reversed(range(len(table)))))
         return write_catalog(root, table).read_bytes()
 
 
@@ -124,6 +126,8 @@ def main() -> int:
     (SOURCES / "catalog_empty.parquet").write_bytes(catalog({}))
     wrong = catalog(episodes(), regime=["play", "demonstration"])
     (SOURCES / "catalog_CAT-003__regime.parquet").write_bytes(wrong)
+    turned = catalog(episodes(), backwards=True)
+    (SOURCES / "catalog_CAT-005__backwards.parquet").write_bytes(turned)
     from corpus.all_cases import invalid
 
     for case in invalid():

@@ -92,15 +92,21 @@ def array_images(channels: int = 3) -> ArrayImages:
 @functools.cache
 def clip(count: int = FRAMES) -> tuple[bytes, tuple[int, ...], tuple[int, ...], str]:
     """A small MPEG-4 file: its bytes, the pts of its frames, their keyframes, its time base."""
+    return clip_of(pictures(count))
+
+
+def clip_of(frames: np.ndarray) -> tuple[bytes, tuple[int, ...], tuple[int, ...], str]:
+    """An MPEG-4 file of frames, (N, H, W, 3) uint8, as `clip` gives it."""
     import av
 
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="mp4") as out:
         stream = out.add_stream("mpeg4", rate=10)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stream.height, stream.width = frames.shape[1:3]
+        stream.pix_fmt = "yuv420p"
         stream.gop_size = 2
-        for frame in pictures(count):
-            out.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
+        for picture in frames:
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         out.mux(stream.encode())
     content = buffer.getvalue()
     pts: list[int] = []

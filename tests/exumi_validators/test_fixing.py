@@ -69,6 +69,7 @@ def test_a_wrong_catalog_is_made_again(spoil: str, dataset: Path) -> None:
         names = pa.array(["wrong"] * 3, pa.string())
         column = right.column_names.index("object_id")
         write_catalog(dataset, right.set_column(column, "object_id", names))
+    assert ("CAT-005" in catalog_codes(dataset)) == (spoil == "unsorted")
     before = files(dataset)
     planned = plan_fix(dataset)
     assert planned.needed

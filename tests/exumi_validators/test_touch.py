@@ -24,7 +24,15 @@ from exumi_validators.frame_statistics import FrameStatistics, GlanceLimits
 from exumi_validators.report import Problem, Skipped
 from exumi_validators.touch_measures import Jumps, coarse, nearest_to, shift_between, texture
 from exumi_validators.touch_pass import spread
-from tests.exumi_data.builders import CLOCK, clip, edit_metadata, episode_id, metadata, video_file
+from tests.exumi_data.builders import (
+    CLOCK,
+    clip_of,
+    edit_metadata,
+    episode_id,
+    metadata,
+    pictures,
+    video_file,
+)
 
 SIDE = 48
 FRAMES = 40
@@ -87,6 +95,21 @@ def write(
                 algorithm="exumi-activity/1",
                 parameters={"threshold": 5.8, "size": 224, "active_above": 1e-3},
             )
+    report: Report = validate(path)
+    return report
+
+
+def write_video(path: Path, frames: np.ndarray, reference: np.ndarray) -> Report:
+    """Write an episode of one tactile stream that is a video, and validate it."""
+    content, pts, keyframes, base = clip_of(frames)
+    size: Any = dict(zip(("height", "width", "channels"), frames.shape[1:], strict=True))
+    images = VideoImages(encoding="video", files=[], **size)
+    with EpisodeWriter(path, metadata(), durable=False) as writer:
+        video = writer.add_stream("tactile", kind="tactile", clock=CLOCK, images=images)
+        video.append_file(
+            content, video_file(content, base), pts=np.array(pts), keyframe=np.array(keyframes)
+        )
+        video.set_reference(reference, method="selected", frames=[2])
     report: Report = validate(path)
     return report
 
@@ -194,7 +217,71 @@ def test_a_sound_stream_is_silent(tmp_path: Path, encoding: str, channels: int) 
     base = gel().repeat(channels, axis=2)
     report = write(tmp_path / "e.zarr", recorded(base), base, encoding=encoding)
     assert touch_codes(report) == []
-    assert skipped(report) == {"TACT-010"}
+    assert skipped(report) == {"TACT-010", "TACT-014"}  # one finger; no colours
+
+
+def red_from_the_left(levels: float = 40.0) -> np.ndarray:
+    """A gel in red light from the left, (SIDE, SIDE, 3) uint8."""
+    ramp = np.linspace(levels, 0, SIDE)[:, None] * np.array([1.0, 0.7, 0.4])
+    return np.tile((80 + ramp).astype(np.uint8), (SIDE, 1, 1))
+
+
+@pytest.mark.parametrize("encoding", ["array", "encoded", "video"])
+@pytest.mark.parametrize(
+    ("turn", "told"),
+    [
+        (np.s_[:, :], []),
+        (np.s_[::-1, :], []),
+        (np.s_[:, ::-1], ["mirrored"]),
+        (np.s_[:, :, ::-1], ["with its channels reversed"]),
+        (np.s_[:, ::-1, ::-1], ["mirrored"]),  # what else is wrong shows once that is mended
+    ],
+)
+def test_a_reference_with_other_sides_or_colours_is_found(
+    tmp_path: Path, encoding: str, turn: Any, told: list[str]
+) -> None:
+    base = red_from_the_left()
+    path, reference = tmp_path / "e.zarr", np.ascontiguousarray(base[turn])
+    if encoding == "video":
+        report = write_video(path, recorded(base), reference)
+    else:
+        report = write(path, recorded(base), reference, encoding=encoding)
+    found = [p for p in report.problems if p.code == "TACT-014"]
+    assert {p.location.path for p in found} <= {"streams/tactile/reference"}
+    assert [p.message.split(",")[0] for p in found] == told
+    assert "TACT-014" not in skipped(report)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.30, 1), (0.36, 0)])
+def test_frames_between_a_reference_and_its_mirror_image(
+    tmp_path: Path, share: float, expected: int
+) -> None:
+    # With this share of the reference: share / (1 - share) is 0.43 and 0.56; the limit is 0.5.
+    reference = red_from_the_left()[..., :1]
+    mirrored = reference[:, ::-1]
+    frames = np.repeat((share * reference + (1 - share) * mirrored)[None], FRAMES, axis=0)
+    report = write(tmp_path / "e.zarr", frames.round().astype(np.uint8), reference)
+    assert touch_codes(report).count("TACT-014") == expected
+
+
+@pytest.mark.parametrize(("levels", "judged"), [(3.5, True), (2.5, False)])
+def test_a_reference_that_looks_the_same_in_a_mirror_tells_nothing(
+    tmp_path: Path, levels: float, judged: bool
+) -> None:
+    base = red_from_the_left(levels)[..., :1]  # differs from its mirror image by half of that
+    report = write(tmp_path / "e.zarr", np.repeat(base[None], FRAMES, axis=0), base[:, ::-1])
+    assert ("TACT-014" in touch_codes(report)) == judged
+    reasons = {item.reason for item in report.coverage.skipped if item.code == "TACT-014"}
+    assert ("mirrored, the reference looks the same" in reasons) != judged
+
+
+def test_a_reference_of_another_size_is_not_compared_in_colour() -> None:
+    statistics = FrameStatistics(
+        (SIDE, SIDE), LIMITS, kept=[], searched=[0], coloured=red_from_the_left()[:-1]
+    )
+    statistics.search(0, red_from_the_left())
+    assert statistics.colours_of_reference is None
+    assert statistics.colours is None
 
 
 def test_a_reference_of_less_light_is_found(tmp_path: Path) -> None:
@@ -270,21 +357,8 @@ def test_differences_that_wrapped_are_found(tmp_path: Path, encoding: str, wraps
 
 
 def test_a_video_is_looked_at_in_full_range(tmp_path: Path) -> None:
-    content, pts, keyframes, base = clip()
-    images: Any = {"encoding": "video", "height": 24, "width": 32, "channels": 3}
-    path = tmp_path / "e.zarr"
-    with EpisodeWriter(path, metadata(), durable=False) as writer:
-        video = writer.add_stream(
-            "tactile", kind="tactile", clock=CLOCK, images=VideoImages(**images)
-        )
-        video.append_file(
-            content, video_file(content, base), pts=np.array(pts), keyframe=np.array(keyframes)
-        )
-        from tests.exumi_data.builders import pictures
-
-        video.set_reference(pictures()[2], method="selected", frames=[2])
     # five frames that all differ: none is near the reference but the one that it is
-    report = validate(path)
+    report = write_video(tmp_path / "e.zarr", pictures(), pictures()[2])
     assert "TACT-007" not in touch_codes(report)
     assert "TACT-008" not in touch_codes(report)
     assert "TACT-006" not in skipped(report)

@@ -92,11 +92,15 @@ class FrameStatistics:
         Frames that are not judged.
     reference : (h, w) uint8, optional
         Grey thumbnail of the stream's reference.
+    coloured : (H, W, C) uint8, optional
+        The reference itself, of which the pixels of a grid are kept.
 
     Attributes
     ----------
     reference : ndarray or None
         As it was given.
+    colours_of_reference : (h, w, 3) uint8 or None
+        Its pixels on the grid; None where it has no colours, or another size than the frames.
     glanced : int
         Frames whose level was judged.
     dark, saturated : Tally
@@ -115,6 +119,7 @@ class FrameStatistics:
         searched: Iterable[int],
         ignored: npt.NDArray[np.bool_] | None = None,
         reference: UInt8Array | None = None,
+        coloured: UInt8Array | None = None,
     ) -> None:
         self.glanced = 0
         self.reference = reference
@@ -125,6 +130,10 @@ class FrameStatistics:
         self._kept, self._searched = frozenset(kept), frozenset(searched)
         self._ignored = ignored
         self._grid = limits.grid(*size)
+        self.colours_of_reference: UInt8Array | None = None
+        if coloured is not None and coloured.shape == (*size, 3):
+            self.colours_of_reference = coloured[self._grid].copy()
+        self._colours: list[UInt8Array] = []
         self._pixels: UInt8Array | None = None
         self._frames: list[int] = []
         self._levels: UInt8Array | None = None
@@ -139,6 +148,17 @@ class FrameStatistics:
         if reference is None or len(images) < _FEWEST:
             return None
         if any(image.shape != reference.shape for image in images):
+            return None
+        return median_image(nearest_to(reference, images))
+
+    @cached_property
+    def colours(self) -> UInt8Array | None:
+        """The median of the searched frames that resemble the reference most, on the grid.
+
+        (h, w, 3); None where it or the frames have no colours.
+        """
+        reference, images = self.colours_of_reference, self._colours
+        if reference is None or not images:
             return None
         return median_image(nearest_to(reference, images))
 
@@ -171,9 +191,14 @@ class FrameStatistics:
             self.thumbnails[index] = small.copy() if levels is None else levels[small]
 
     def search(self, index: int, frame: UInt8Array) -> None:
-        """Search a frame, (H, W, C) uint8, for jumps; others than those asked for are ignored."""
+        """Search a frame, (H, W, C) uint8, for jumps; others than those asked for are ignored.
+
+        Its colours are kept: to decode quieter frames with theirs would cost too much.
+        """
         if index in self._searched:
             self.jumps.add(frame)
+            if frame.shape[2] == 3:
+                self._colours.append(frame[self._grid].copy())
 
     def end(self) -> None:
         """Judge what was collected since the last time."""

@@ -47,6 +47,7 @@ def begin_statistics(episode: EpisodeContext, name: str) -> FrameStatistics | No
         searched=searched,
         ignored=ignored,
         reference=small,
+        coloured=reference,
     )
     episode.frame_statistics[name] = statistics
     return statistics

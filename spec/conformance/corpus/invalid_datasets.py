@@ -131,6 +131,8 @@ def _catalog_cases() -> Iterator[Case]:
     shard = "streams/width/data/c/0"
     files = {f"{place(EGG)}/{shard}": draft.blobs[shard]}
     yield dataset("CAT-004__changed", "Other bytes than were listed.", at, replace=files)
+    at = Finding("CAT-005", CATALOG, index=1)
+    yield dataset("CAT-005__backwards", "The last episode's row comes first.", at)
 
 
 def dataset_cases() -> Iterator[Case]:

@@ -102,9 +102,22 @@ def _frame_cases() -> Iterator[Case]:
     draft = _episode(_press(np.roll(coarse, 4, axis=1)), coarse)
     found = [Finding("TACT-006", REFERENCE), Finding("TACT-009", REFERENCE)]
     yield case("TACT-009__moved", "A gel that moved by four pixels.", draft, *found)
+    lit = _lit_from_the_left()
+    frames, at = _press(lit)[::4], Finding("TACT-014", REFERENCE)
+    draft = _episode(frames, np.ascontiguousarray(lit[:, ::-1]))
+    found = [Finding("TACT-009", REFERENCE), at]  # the light seems to have moved as well
+    yield case("TACT-014__mirrored", "A reference that is mirrored.", draft, *found)
+    draft = _episode(frames, np.ascontiguousarray(lit[..., ::-1]))
+    yield case("TACT-014__bgr", "A reference that is BGR, of frames that are RGB.", draft, at)
     at = Finding("TACT-011", DATA)
     draft = _episode(*_wrapped(gel))
     yield case("TACT-011__times_seven", "Differences times seven, wrapped.", draft, at)
+
+
+def _lit_from_the_left() -> np.ndarray:
+    """Return a gel in red light from the left, (SIDE, SIDE, 3) uint8."""
+    ramp = np.linspace(124, 108, SIDE)[:, None] * np.array([1.0, 0.9, 0.8])
+    return np.tile(ramp.astype(np.uint8), (SIDE, 1, 1))
 
 
 def _wrapped(gel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

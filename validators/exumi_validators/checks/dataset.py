@@ -1,5 +1,6 @@
 """Datasets: their documents, the places of their episodes, splits and the catalog."""
 
+import itertools
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
@@ -31,6 +32,7 @@ __all__ = [
     "catalog_digests",
     "catalog_is_complete",
     "catalog_is_readable",
+    "catalog_order",
     "catalog_rows",
     "documents",
     "fields",
@@ -406,6 +408,18 @@ def catalog_digests(dataset: DatasetContext) -> Iterator[Problem]:
                 found=found,
                 detail=str(row["path"]),
             )
+
+
+@check("CAT-005")
+def catalog_order(dataset: DatasetContext) -> Iterator[Problem]:
+    """Judge that rows are in the order of their paths; the first that is not is told."""
+    if isinstance(dataset.catalog, str):
+        return
+    paths = [str(row["path"]) for row in dataset.catalog]
+    for index, (before, path) in enumerate(itertools.pairwise(paths), start=1):
+        if path < before:
+            yield problem("CAT-005", CATALOG_NAME, index=index, expected=before, found=path)
+            return
 
 
 @check("TACT-012")

@@ -18,6 +18,7 @@ from exumi_validators.frame_statistics import FrameStatistics, UInt8Array
 from exumi_validators.registry import Finding, check
 from exumi_validators.report import Skipped
 from exumi_validators.touch_measures import (
+    coarse,
     difference,
     median_image,
     pattern_difference,
@@ -28,6 +29,7 @@ from exumi_validators.touch_pass import image_of, stored_rows
 
 __all__ = [
     "active_share",
+    "as_the_frames",
     "dark",
     "reference_fits",
     "saturated",
@@ -191,6 +193,56 @@ def _pair(found: FrameStatistics | Skipped) -> tuple[UInt8Array, UInt8Array] | N
     if isinstance(found, Skipped) or found.reference is None or found.quiet is None:
         return None
     return found.reference, found.quiet
+
+
+@check("TACT-014")
+def as_the_frames(episode: EpisodeContext) -> Iterator[Finding]:
+    """Judge that the reference has its sides and its colours as the frames have them."""
+    for name, path, found in _statistics(episode, "TACT-014"):
+        if isinstance(found, Skipped):
+            yield found
+            continue
+        pair, colours = _pair(found), found.colours
+        if pair is None:
+            yield Skipped("TACT-014", _NO_PAIR, path)
+            continue
+        # The light tells the sides apart, and a pattern that is displaced does not disturb it.
+        reference, quiet = (_light(episode, image) for image in pair)
+        mirrored = np.ascontiguousarray(reference[:, ::-1])
+        yield from _change_findings(episode, name, quiet, reference, mirrored, "mirrored")
+        if colours is None or found.colours_of_reference is None:
+            yield Skipped("TACT-014", "frames or reference have no colours", path)
+            continue
+        reference = found.colours_of_reference
+        reversed_ = np.ascontiguousarray(reference[..., ::-1])
+        detail = "with its channels reversed"
+        yield from _change_findings(episode, name, colours, reference, reversed_, detail)
+
+
+def _light(episode: EpisodeContext, image: UInt8Array) -> UInt8Array:
+    """Average an image to the grid that references are compared on."""
+    columns, rows = (max(1, int(episode.limit("TACT-012", n))) for n in ("columns", "rows"))
+    return np.frombuffer(coarse(image, columns, rows), np.uint8).reshape(rows, columns)
+
+
+def _change_findings(
+    episode: EpisodeContext,
+    name: str,
+    image: UInt8Array,
+    reference: UInt8Array,
+    changed: UInt8Array,
+    detail: str,
+) -> Iterator[Finding]:
+    """Judge that an image resembles the reference as it is, not changed in some way."""
+    path, rule = f"streams/{name}/reference", "TACT-014"
+    least = episode.limit(rule, "asymmetry_grey_levels")
+    as_it_is, otherwise = (pattern_difference(image, each) for each in (reference, changed))
+    # The references differ by at least as much as these two do: mostly nothing need be computed.
+    if abs(otherwise - as_it_is) < least and pattern_difference(reference, changed) < least:
+        yield Skipped(rule, f"{detail}, the reference looks the same", path)
+    elif otherwise < episode.limit(rule, "difference_ratio") * as_it_is:
+        expected, found = round(as_it_is, 1), round(otherwise, 1)
+        yield problem(rule, path, expected=expected, found=found, detail=detail)
 
 
 @check("TACT-009")
