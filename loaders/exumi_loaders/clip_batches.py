@@ -1,7 +1,7 @@
 """Batches of touch clips: salient frames, decoded straight into one buffer."""
 
 from collections.abc import Sequence
-from typing import Any, SupportsIndex
+from typing import Any, Literal, SupportsIndex
 
 import numpy as np
 import torch
@@ -11,11 +11,13 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from exumi_data.errors import UsageError
 from exumi_loaders.buffers import BatchBuffers
 from exumi_loaders.clips import Clips
+from exumi_loaders.options import one_of
 from exumi_loaders.sampler import WindowIndex, WindowSampler
 
-__all__ = ["ClipBatches", "Item", "as_is", "make_loader", "positions"]
+__all__ = ["ClipBatches", "Item", "OnDamage", "as_is", "make_loader", "positions"]
 
 Item = dict[str, Tensor]
+OnDamage = Literal["raise", "substitute"]
 
 
 def as_is(batch: Any) -> Any:
@@ -33,10 +35,21 @@ class ClipBatches:
         The clips that will be asked for. Whether there are references is a matter of all of them.
     grey : bool
         Give one channel (luma) of colour frames.
+    on_corrupt : {"raise", "substitute"}
+        ``substitute`` makes damaged frames black, not valid, and counts them.
     """
 
-    def __init__(self, clips: Clips, chosen: Sequence[int], *, grey: bool = False) -> None:
+    def __init__(
+        self,
+        clips: Clips,
+        chosen: Sequence[int],
+        *,
+        grey: bool = False,
+        on_corrupt: OnDamage = "raise",
+    ) -> None:
+        one_of("on_corrupt", on_corrupt, ("raise", "substitute"))
         self._clips = clips
+        self._on_corrupt: OnDamage = on_corrupt
         self._grey = grey
         self._references = all(clips.table[index].has_reference for index in chosen)
         self._buffers = BatchBuffers()
@@ -76,7 +89,8 @@ class ClipBatches:
         -------
         dict of str to Tensor
             ``frames`` (..., K, C, H, W) uint8, ``frames_valid`` (..., K) bool, ``clip`` and
-            ``episode`` (...) int64, and ``reference`` (..., C, H, W) uint8 if all clips have one.
+            ``episode`` (...) int64, and ``reference`` (..., C, H, W) uint8 if all clips have one;
+            ``substituted`` (...) int64, how many frames are damaged, where that is no error.
         """
         count = self._clips.frames
         every = np.broadcast_to(np.arange(count), (*chosen.shape, count))
@@ -114,12 +128,18 @@ class ClipBatches:
             references, into = self._buffers.take((*chosen.shape, *size))
             reference_out = into.reshape(len(flat), *size)
         valid = np.empty((len(flat), count), dtype=bool)
+        damaged = np.zeros(len(flat), dtype=np.int64)
         wanted = which.reshape(len(flat), count)
         for position, index in enumerate(flat.tolist()):
-            reference = self._clips.read_into(index, frames[position], which=wanted[position])
-            valid[position] = self._clips.salient(index).valid[wanted[position]]
-            if reference_out is not None and reference is not None:
-                reference_out[position] = like(reference, size[2])
+            bad = self._clips.read_into(
+                index,
+                frames[position],
+                None if reference_out is None else reference_out[position],
+                which=wanted[position],
+                on_corrupt=self._on_corrupt,
+            )
+            valid[position] = self._clips.salient(index).valid[wanted[position]] & ~bad
+            damaged[position] = bad.sum()
         batch = {
             "frames": buffer.movedim(-1, -3),
             "frames_valid": torch.from_numpy(valid.reshape(which.shape)),
@@ -127,6 +147,8 @@ class ClipBatches:
         }
         if references is not None:
             batch["reference"] = references.movedim(-1, -3)
+        if self._on_corrupt == "substitute":
+            batch["substituted"] = torch.from_numpy(damaged.reshape(chosen.shape))
         return batch
 
     def _names(self, chosen: np.ndarray) -> Item:
@@ -135,15 +157,6 @@ class ClipBatches:
             "clip": torch.from_numpy(chosen.astype(np.int64)),
             "episode": torch.from_numpy(episode.reshape(chosen.shape).astype(np.int64)),
         }
-
-
-def like(reference: np.ndarray, channels: int) -> np.ndarray:
-    """Return a reference (H, W, C) with as many channels as the frames are given in."""
-    if reference.shape[2] == channels:
-        return reference
-    from exumi_data.tactile import to_grey  # OpenCV, only for mixed channels
-
-    return np.asarray(to_grey(reference)[..., None])
 
 
 def positions(indices: Sequence[SupportsIndex | WindowIndex], count: int) -> np.ndarray:

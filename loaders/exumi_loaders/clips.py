@@ -15,6 +15,7 @@ from exumi_data.errors import DamagedDataError, UsageError
 from exumi_data.model.description import Annotations, Label
 from exumi_data.model.streams import TactileStream
 from exumi_loaders.readers import FrameReaders
+from exumi_loaders.window_frames import read_frames
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
@@ -160,7 +161,7 @@ class Clips:
         wanted = None if stream is None else {stream} if isinstance(stream, str) else set(stream)
         self.dataset = dataset
         self.frames = frames
-        self.table, self.left_out, encodings = _list_clips(dataset, wanted, provenance)
+        self.table, self.left_out, encodings, roots = _list_clips(dataset, wanted, provenance)
         if not self.table:
             reasons = "; ".join(f"{count} {reason}" for reason, count in self.left_out.items())
             raise UsageError(
@@ -168,7 +169,7 @@ class Clips:
                 where=dataset.path,
                 fix=None if wanted is None else "Name a tactile stream that the episodes have.",
             )
-        self._readers = FrameReaders(dataset, encodings)
+        self._readers = FrameReaders(dataset, encodings, roots)
         self._salient: dict[int, SalientFrames] = {}
 
     def __len__(self) -> int:
@@ -216,13 +217,24 @@ class Clips:
         ------
         DamagedDataError
             A frame cannot be decoded; names episode, stream and frame.
+        ChangedDataError
+            The episode is not the one that was there when the dataset was opened.
         """
-        out = np.empty((self.frames, *self.table[index].shape), dtype=np.uint8)
-        return out, self.read_into(index, out)
+        clip = self.table[index]
+        out = np.empty((self.frames, *clip.shape), dtype=np.uint8)
+        reference = np.empty(clip.shape, dtype=np.uint8) if clip.has_reference else None
+        self.read_into(index, out, reference)
+        return out, reference
 
     def read_into(
-        self, index: int, out: np.ndarray, *, which: np.ndarray | None = None
-    ) -> np.ndarray | None:
+        self,
+        index: int,
+        out: np.ndarray,
+        reference: np.ndarray | None = None,
+        *,
+        which: np.ndarray | None = None,
+        on_corrupt: Literal["raise", "substitute"] = "raise",
+    ) -> np.ndarray:
         """Decode the salient frames of a clip into a buffer.
 
         Parameters
@@ -231,22 +243,39 @@ class Clips:
             Position in `table`.
         out : (k, H, W, C) uint8, C-contiguous
             C = 1 asks for luma.
+        reference : (H, W, C) uint8, optional
+            Where the image without contact goes, if there is one.
         which : (k,) int, optional
             Which of the K salient frames; default all.
+        on_corrupt : {"raise", "substitute"}
+            ``substitute`` leaves damaged frames black.
 
         Returns
         -------
-        (H, W, C) uint8 or None
-            The reference, with the channels that are stored.
+        (k,) bool
+            Which of them are damaged.
+
+        Raises
+        ------
+        DamagedDataError, ChangedDataError
+            As of `read`.
         """
         clip = self.table[index]
         numbers = self.salient(index).numbers
-        source, reference = self._readers.get(clip.episode, clip.stream)
-        source.read_into(numbers if which is None else numbers[which], out)
-        return reference
+        outcome = read_frames(
+            self._readers,
+            clip.stream,
+            np.array([clip.episode]),
+            (numbers if which is None else numbers[which])[None],
+            np.array([0]),
+            out[None],
+            None if reference is None else reference[None],
+            on_corrupt=on_corrupt,
+        )
+        return np.asarray(outcome.damaged[0])
 
     def _select(self, clip: Clip) -> SalientFrames:
-        episode = open_episode(self.dataset.episode_location(clip.episode))
+        episode = self._readers.episode(clip.episode)
         view = episode[clip.stream]
         count = len(view)
         numbers = _stored_salient(episode, view, self.frames)
@@ -300,8 +329,8 @@ def _computed_salient(view: StreamView, wanted: int) -> np.ndarray:
 
 def _list_clips(
     dataset: "Dataset", wanted: set[str] | None, provenance: Provenance
-) -> tuple[list[Clip], dict[str, int], dict[str, str]]:
-    """Return clips, what was left out, and how the frames of each stream are stored."""
+) -> tuple[list[Clip], dict[str, int], dict[str, str], np.ndarray]:
+    """Return clips, what was left out, how frames are stored, and roots (E, 32) uint8."""
     left_out: Counter[str] = Counter()
     chosen: list[int] = []
     encodings: dict[str, str] = {}
@@ -321,24 +350,28 @@ def _list_clips(
                 encodings[name] = s["encoding"]
     locations = {dataset.episode_location(position): position for position in chosen}
     described: dict[int, dict[str, Clip]] = {}
+    roots = np.zeros((len(dataset), 32), dtype=np.uint8)
     read = partial(_describe, provenance=provenance)
     few = len(chosen) < _MANY_EPISODES
     for outcome in map_items(read, list(locations), workers=1 if few else None):
         if outcome.value is None:
             assert outcome.error is not None  # noqa: S101  # an outcome has one of the two
             raise outcome.error
-        described[locations[outcome.item]] = outcome.value
+        position = locations[outcome.item]
+        root, described[position] = outcome.value
+        roots[position] = np.frombuffer(bytes.fromhex(root), dtype=np.uint8)
     table = [
         replace(clip, episode=position)
         for position in chosen
         for name, clip in described[position].items()
         if name in frames[position]
     ]
-    return table, {reason: count for reason, count in left_out.items() if count}, encodings
+    reasons = {reason: count for reason, count in left_out.items() if count}
+    return table, reasons, encodings, roots
 
 
-def _describe(location: str, *, provenance: Provenance) -> dict[str, Clip]:
-    """Read what is known of the tactile streams of an episode."""
+def _describe(location: str, *, provenance: Provenance) -> tuple[str, dict[str, Clip]]:
+    """Read an episode's SHA-256 of its root document, and what is known of its clips."""
     episode = open_episode(location)
     about = episode.metadata.annotations or Annotations()
     labels, origin = _ratings(about.labels or (), provenance)
@@ -365,7 +398,7 @@ def _describe(location: str, *, provenance: Provenance) -> dict[str, Clip]:
             adjectives=adjectives,
             provenance=origin,
         )
-    return found
+    return episode.root_sha256, found
 
 
 def _ratings(

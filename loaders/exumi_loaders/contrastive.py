@@ -9,7 +9,7 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 
 from exumi_data.errors import UsageError
-from exumi_loaders.clip_batches import ClipBatches, Item, as_is
+from exumi_loaders.clip_batches import ClipBatches, Item, OnDamage, as_is
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clip, Clips
 from exumi_loaders.epochs import EpochSampler, refuse_other
@@ -92,6 +92,10 @@ class ContrastiveBatches(Dataset[Item]):
         See `split_dataset`; by default parts of ``val`` are unseen in ``train``.
     grey_tactile : bool
         Give one channel (luma) of colour frames.
+    on_corrupt : {"raise", "substitute"}
+        What happens at damaged frames. ``raise``: an error that names episode, stream and frame.
+        ``substitute``: they are black and not valid, and the key ``substituted`` counts them for
+        each clip. Clips that changed since the dataset was opened are an error in any case.
     seed : int
         Of pairs, batches, and a split made on the fly.
 
@@ -133,6 +137,7 @@ class ContrastiveBatches(Dataset[Item]):
         split_by: SplitLevel = "part",
         split_ratio: tuple[int, int] = (15, 1),
         grey_tactile: bool = False,
+        on_corrupt: OnDamage = "raise",
         seed: int = 0,
     ) -> None:
         if not 2 <= min_parts <= parts:
@@ -158,7 +163,9 @@ class ContrastiveBatches(Dataset[Item]):
             for members, group in zip(self._members, self.groups, strict=True)
             if group.batches
         ]
-        self._batches = ClipBatches(self.clips, list(chain(*filled)), grey=grey_tactile)
+        self._batches = ClipBatches(
+            self.clips, list(chain(*filled)), grey=grey_tactile, on_corrupt=on_corrupt
+        )
         for chosen in filled:
             self._batches.require_one_size(chosen)
         self._part_index = {name: index for index, name in enumerate(self.parts)}

@@ -12,7 +12,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from exumi_data.errors import UsageError
 from exumi_data.store.files import atomic_file
-from exumi_loaders.clip_batches import ClipBatches, as_is
+from exumi_loaders.clip_batches import ClipBatches, OnDamage, as_is
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clip, Clips, Provenance
 from exumi_loaders.draws import words
@@ -133,6 +133,10 @@ class InstructionSamples(Dataset[dict[str, Any]]):
         See `split_dataset`: parts of ``test`` or ``val`` are in no sample of ``train``.
     grey_tactile : bool
         Give one channel (luma) of colour frames.
+    on_corrupt : {"raise", "substitute"}
+        What happens at damaged frames. ``raise``: an error that names episode, stream and frame.
+        ``substitute``: they are black and not valid, and the key ``substituted`` counts them for
+        each clip. Clips that changed since the dataset was opened are an error in any case.
     seed : int
         Of samples, and of a split made on the fly.
 
@@ -183,6 +187,7 @@ class InstructionSamples(Dataset[dict[str, Any]]):
         split_by: SplitLevel = "part",
         split_ratio: tuple[int, int] = (15, 1),
         grey_tactile: bool = False,
+        on_corrupt: OnDamage = "raise",
         seed: int = 0,
     ) -> None:
         _check_options(count, tasks, ties, tie_margin, max_objects, max_parts)
@@ -195,7 +200,7 @@ class InstructionSamples(Dataset[dict[str, Any]]):
         self._most = (max_objects, max_parts)
         usable, self.left_out = _usable(self.clips.table)
         self._choices = self._make_choices(usable)
-        self._batches = ClipBatches(self.clips, usable, grey=grey_tactile)
+        self._batches = ClipBatches(self.clips, usable, grey=grey_tactile, on_corrupt=on_corrupt)
 
     def __len__(self) -> int:
         return self._count

@@ -8,7 +8,7 @@ import torch
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from exumi_data.errors import UsageError
-from exumi_loaders.clip_batches import ClipBatches, Item, make_loader, positions
+from exumi_loaders.clip_batches import ClipBatches, Item, OnDamage, make_loader, positions
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clips, Provenance
 from exumi_loaders.sampler import WindowIndex
@@ -54,6 +54,10 @@ class PropertyWindows(Dataset[Item]):
         See `split_dataset`; by default parts of ``val`` are unseen in ``train``.
     grey_tactile : bool
         Give one channel (luma) of colour frames.
+    on_corrupt : {"raise", "substitute"}
+        What happens at damaged frames. ``raise``: an error that names episode, stream and frame.
+        ``substitute``: they are black and not valid, and the key ``substituted`` counts them for
+        each clip. Clips that changed since the dataset was opened are an error in any case.
     seed : int
         Of the order and of a split made on the fly.
 
@@ -92,6 +96,7 @@ class PropertyWindows(Dataset[Item]):
         split_by: SplitLevel = "part",
         split_ratio: tuple[int, int] = (15, 1),
         grey_tactile: bool = False,
+        on_corrupt: OnDamage = "raise",
         seed: int = 0,
     ) -> None:
         dataset = split_dataset(dataset, split, by=split_by, ratio=split_ratio, seed=seed)
@@ -109,7 +114,9 @@ class PropertyWindows(Dataset[Item]):
         self.rating_valid = known[kept]
         self.rating = np.where(self.rating_valid, ratings[kept], np.float32(0))
         self._seed = seed
-        self._batches = ClipBatches(self.clips, self._clip.tolist(), grey=grey_tactile)
+        self._batches = ClipBatches(
+            self.clips, self._clip.tolist(), grey=grey_tactile, on_corrupt=on_corrupt
+        )
         self._batches.require_one_size(self._clip.tolist())
 
     def _require_known(self, provenance: Provenance) -> None:

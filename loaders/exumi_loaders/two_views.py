@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from exumi_loaders.clip_batches import ClipBatches, Item, make_loader, positions
+from exumi_loaders.clip_batches import ClipBatches, Item, OnDamage, make_loader, positions
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clips
 from exumi_loaders.sampler import WindowIndex
@@ -50,6 +50,10 @@ class TwoViews(Dataset[Item]):
         See `split_dataset`.
     grey_tactile : bool
         Give one channel (luma) of colour frames.
+    on_corrupt : {"raise", "substitute"}
+        What happens at damaged frames. ``raise``: an error that names episode, stream and frame.
+        ``substitute``: they are black and not valid, and the key ``substituted`` counts them for
+        each clip. Clips that changed since the dataset was opened are an error in any case.
     seed : int
         Of the order and of a split made on the fly.
 
@@ -70,7 +74,7 @@ class TwoViews(Dataset[Item]):
     ...     loss = byol(one, other)
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  # keyword-only options, each with a default
         self,
         dataset: "EpisodeDataset",
         *,
@@ -80,13 +84,14 @@ class TwoViews(Dataset[Item]):
         split_by: SplitLevel = "part",
         split_ratio: tuple[int, int] = (15, 1),
         grey_tactile: bool = False,
+        on_corrupt: OnDamage = "raise",
         seed: int = 0,
     ) -> None:
         dataset = split_dataset(dataset, split, by=split_by, ratio=split_ratio, seed=seed)
         self.clips = Clips(dataset, stream=stream, frames=frames)
         self._seed = seed
         chosen = range(len(self.clips))
-        self._batches = ClipBatches(self.clips, chosen, grey=grey_tactile)
+        self._batches = ClipBatches(self.clips, chosen, grey=grey_tactile, on_corrupt=on_corrupt)
         self._batches.require_one_size(chosen)
 
     def __len__(self) -> int:
