@@ -11,6 +11,7 @@ from exumi_data.errors import UsageError
 from exumi_loaders.clip_batches import ClipBatches, Item, OnDamage, make_loader, positions
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clips, Provenance
+from exumi_loaders.filled import FilledBatch
 from exumi_loaders.sampler import WindowIndex
 
 if TYPE_CHECKING:
@@ -158,11 +159,11 @@ class PropertyWindows(Dataset[Item]):
             Each with a first axis of ``len(indices)``.
         """
         chosen = positions(indices, len(self))
-        return {
-            **self._batches.fill(self._clip[chosen]),
-            "rating": torch.from_numpy(self.rating[chosen]),
-            "rating_valid": torch.from_numpy(self.rating_valid[chosen]),
-        }
+        return FilledBatch(
+            self._batches.fill(self._clip[chosen]),
+            rating=torch.from_numpy(self.rating[chosen]),
+            rating_valid=torch.from_numpy(self.rating_valid[chosen]),
+        )
 
     def loader(
         self,

@@ -11,6 +11,7 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from exumi_loaders.clip_batches import ClipBatches, Item, OnDamage, make_loader, positions
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clips
+from exumi_loaders.filled import FilledBatch
 from exumi_loaders.sampler import WindowIndex
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ class TwoViews(Dataset[Item]):
             Each with a first axis of ``len(indices)``.
         """
         clip, which = np.divmod(positions(indices, len(self)), self.clips.frames)
-        return self._batches.fill_single(clip, which)
+        return FilledBatch(self._batches.fill_single(clip, which))
 
     def loader(
         self,
