@@ -14,7 +14,7 @@ class FilledBatch(dict[str, Any]):
         if isinstance(key, int):  # PyTorch's default collate function asks for the first item
             raise UsageError(
                 "the windows have filled a whole batch, which is not to be collated",
-                fix="Take .loader(batch_size), or give your DataLoader a collate_fn that returns what "
-                "it is given.",
+                fix="Take .loader(batch_size), or give your DataLoader a collate_fn that returns "
+                "what it is given.",
             )
         raise KeyError(key)
