@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from typing import Any, Protocol
 
 import numpy as np
-from torch.utils.data import Sampler
 
 from exumi_data.errors import UsageError
 from exumi_loaders.draws import uniform
+from exumi_loaders.epochs import EpochSampler, refuse_other
 from exumi_loaders.sampler import WindowIndex
 
 __all__ = ["EXUMI_REJECT", "EXUMI_RETRIES", "ActiveWindowSampler"]
@@ -46,7 +46,7 @@ class _Pool:
         return self._indices[np.minimum(at, len(self._indices) - 1)]
 
 
-class ActiveWindowSampler(Sampler[WindowIndex]):
+class ActiveWindowSampler(EpochSampler[WindowIndex]):
     """Draw windows as the loop "draw, decode, reject, draw again" does, and decode none in vain.
 
     The loop draws a window; when it is inactive, it rejects it with a probability and draws
@@ -111,6 +111,7 @@ class ActiveWindowSampler(Sampler[WindowIndex]):
         rank: int = 0,
         world_size: int = 1,
     ) -> None:
+        super().__init__()
         _check(reject=reject, retries=retries, count=count, rank=rank, world_size=world_size)
         active = _active(windows, reject)
         relative = None if weights is None else _weights(weights, len(active))
@@ -119,8 +120,6 @@ class ActiveWindowSampler(Sampler[WindowIndex]):
         self.active_share = _share(self._active.total, self._inactive.total, reject, retries)
         self._seed, self._rank, self._world = seed, rank, world_size
         self._rounds = -(-(len(active) if count is None else count) // world_size)
-        self.epoch = 0
-        self._start = 0
 
     @classmethod
     def exumi(cls, windows: _Windows, **options: Any) -> "ActiveWindowSampler":
@@ -157,27 +156,17 @@ class ActiveWindowSampler(Sampler[WindowIndex]):
         drawn[~is_active] = self._inactive.draw(within[~is_active])
         return drawn
 
-    def __len__(self) -> int:
-        """Count the windows of an epoch on this rank."""
+    def _count(self, epoch: int) -> int:  # all epochs are alike
         return self._rounds
 
-    def __iter__(self) -> Iterator[WindowIndex]:
-        epoch, start = self.epoch, self._start
+    def _indices(self, epoch: int, start: int) -> Iterator[WindowIndex]:
         for block in self._blocks(epoch, start):
             for index in block.tolist():
                 yield WindowIndex(epoch, index)
-        self.epoch = epoch + 1
-        self._start = 0
 
-    def set_epoch(self, epoch: int) -> None:
-        """Go to the beginning of an epoch.
-
-        Parameters
-        ----------
-        epoch : int
-        """
-        self.epoch = epoch
-        self._start = 0
+    def _draws_of(self) -> dict[str, Any]:
+        """Return what the draws of an epoch depend on, but for the number of ranks."""
+        return {"seed": self._seed, "active_share": self.active_share}
 
     def state_dict(self, consumed: int) -> dict[str, Any]:
         """Return what it takes to go on.
@@ -185,17 +174,22 @@ class ActiveWindowSampler(Sampler[WindowIndex]):
         Parameters
         ----------
         consumed : int
-            Windows of this epoch that training has used on each rank. (The sampler itself runs
-            ahead of training by what the workers prefetch, so it cannot know.)
+            Windows that training has used of the epoch that was begun last, on each rank. (The
+            sampler runs ahead of training by what the workers prefetch, so it cannot know.)
 
         Returns
         -------
         dict
-            Numbers only. ``slots`` counts those of all ranks.
+            Numbers only; ``slots`` counts those of all ranks. Where all of the epoch was used, it
+            leads to the next one.
+
+        Raises
+        ------
+        UsageError
+            The epoch has not that many.
         """
-        slots = consumed * self._world
-        share = self.active_share
-        return {"seed": self._seed, "epoch": self.epoch, "slots": slots, "active_share": share}
+        epoch, used = self._position(consumed)
+        return {**self._draws_of(), "epoch": epoch, "slots": used * self._world}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a state: the next window is the one after those consumed.
@@ -211,16 +205,13 @@ class ActiveWindowSampler(Sampler[WindowIndex]):
             The state belongs to another seed or other windows, or the ranks of now cannot take
             over in the middle of a round.
         """
-        for name, mine in (("seed", self._seed), ("active_share", self.active_share)):
-            if state[name] != mine:
-                raise UsageError(f"the state has {name} {state[name]}, this sampler {mine}")
+        refuse_other(state, self._draws_of())
         if state["slots"] % self._world:
             raise UsageError(
                 f"{state['slots']} slots were used, which is no multiple of {self._world} ranks",
                 fix="Stop after a whole round of all ranks, or use a number of ranks that divides.",
             )
-        self.epoch = int(state["epoch"])
-        self._start = int(state["slots"]) // self._world
+        self._go_on(int(state["epoch"]), int(state["slots"]) // self._world)
 
 
 def _check(

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Literal
 
 from exumi_data.errors import UsageError
 from exumi_data.splits import split_ids
+from exumi_loaders.options import require_dataset
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
@@ -46,6 +47,7 @@ def split_dataset(
         There is no such split or list; a part or object is in several lists; it is not known of
         all episodes.
     """
+    require_dataset(dataset)
     if split is None:
         return dataset
     ids = split_ids(dataset, split, by=by, ratio=ratio, seed=seed)

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
 import torch
-from torch.utils.data import DataLoader, Dataset, Sampler
+from torch.utils.data import DataLoader, Dataset
 
 from exumi_data.errors import DamagedDataError, UsageError
 from exumi_loaders.clip_batches import ClipBatches, Item, as_is
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clip, Clips
+from exumi_loaders.epochs import EpochSampler, refuse_other
 from exumi_loaders.pairing import PairRules, batch_count, pair_batches, shuffled_batches
 from exumi_loaders.window_frames import OnCorrupt
 
@@ -116,6 +117,7 @@ class ContrastiveBatches(Dataset[Item]):
         Clips that no batch can hold, by reason.
     epoch : int
         Of plain integer indices (a `BatchIndex` names its own).
+    seed : int
 
     Raises
     ------
@@ -150,7 +152,7 @@ class ContrastiveBatches(Dataset[Item]):
         dataset = split_dataset(dataset, split, by=split_by, ratio=split_ratio, seed=seed)
         self.clips = Clips(dataset, stream=stream, frames=frames)
         self.epoch = 0
-        self._seed = seed
+        self.seed = seed
         self._rules = PairRules(parts, min_parts)
         self.left_out: dict[str, int] = {}
         found = self._find_groups()
@@ -267,9 +269,9 @@ class ContrastiveBatches(Dataset[Item]):
             batches = [
                 (number, pairs)
                 for number, members in enumerate(self._members)
-                for pairs in pair_batches(self._seed, epoch, *members, self._rules)
+                for pairs in pair_batches(self.seed, epoch, *members, self._rules)
             ]
-            self._planned = (epoch, shuffled_batches(self._seed, epoch, batches))
+            self._planned = (epoch, shuffled_batches(self.seed, epoch, batches))
         return self._planned[1]
 
     def __getitem__(self, index: SupportsIndex | BatchIndex) -> Item:
@@ -368,7 +370,7 @@ class ContrastiveBatches(Dataset[Item]):
         )
 
 
-class BatchOrder(Sampler[BatchIndex]):
+class BatchOrder(EpochSampler[BatchIndex]):
     """The batches of an epoch, shared out among ranks, resumable.
 
     All ranks have the same number of batches, none of them twice: what is left over where the
@@ -392,35 +394,29 @@ class BatchOrder(Sampler[BatchIndex]):
     """
 
     def __init__(self, batches: ContrastiveBatches, *, rank: int = 0, world_size: int = 1) -> None:
+        super().__init__()
         if not 0 <= rank < world_size:
             raise UsageError(f"rank is {rank}, not one of {world_size}")
         if len(batches) < world_size:
             raise UsageError(f"{len(batches)} batch(es) an epoch for {world_size} ranks")
-        self._count = len(batches) // world_size
+        self._batches = batches
+        self._turns = len(batches) // world_size
         self._rank, self._world = rank, world_size
-        self.epoch = 0
-        self._start = 0
 
-    def __len__(self) -> int:
-        """Count the batches of an epoch on this rank."""
-        return self._count
+    def _count(self, epoch: int) -> int:  # all epochs are alike
+        return self._turns
 
-    def __iter__(self) -> Iterator[BatchIndex]:
-        epoch, start = self.epoch, self._start
-        for turn in range(start, self._count):
+    def _indices(self, epoch: int, start: int) -> Iterator[BatchIndex]:
+        for turn in range(start, self._turns):
             yield BatchIndex(epoch, turn * self._world + self._rank)
-        self.epoch = epoch + 1
-        self._start = 0
 
-    def set_epoch(self, epoch: int) -> None:
-        """Go to the beginning of an epoch.
-
-        Parameters
-        ----------
-        epoch : int
-        """
-        self.epoch = epoch
-        self._start = 0
+    def _order_of(self) -> dict[str, Any]:
+        """Return what the order of an epoch depends on."""
+        return {
+            "seed": self._batches.seed,
+            "batches": len(self._batches),
+            "world_size": self._world,
+        }
 
     def state_dict(self, consumed: int) -> dict[str, Any]:
         """Return what it takes to go on.
@@ -428,10 +424,21 @@ class BatchOrder(Sampler[BatchIndex]):
         Parameters
         ----------
         consumed : int
-            Batches of this epoch that training has used on each rank. (The sampler itself runs
-            ahead of training by what the workers prefetch, so it cannot know.)
+            Batches that training has used of the epoch that was begun last, on each rank.
+            (The sampler runs ahead of training by what the workers prefetch, so it cannot know.)
+
+        Returns
+        -------
+        dict
+            Of plain values. Where all of the epoch was used, it leads to the next one.
+
+        Raises
+        ------
+        UsageError
+            The epoch has not that many.
         """
-        return {"epoch": self.epoch, "consumed": consumed, "batches": self._count * self._world}
+        epoch, used = self._position(consumed)
+        return {**self._order_of(), "epoch": epoch, "consumed": used}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a state: the next batch is the one after those consumed.
@@ -444,10 +451,7 @@ class BatchOrder(Sampler[BatchIndex]):
         Raises
         ------
         UsageError
-            The state belongs to other batches or another number of ranks.
+            The state belongs to other batches, another seed or another number of ranks.
         """
-        mine = self._count * self._world
-        if state["batches"] != mine:
-            raise UsageError(f"the state is of {state['batches']} batches an epoch, not of {mine}")
-        self.epoch = int(state["epoch"])
-        self._start = int(state["consumed"])
+        refuse_other(state, self._order_of())
+        self._go_on(int(state["epoch"]), int(state["consumed"]))

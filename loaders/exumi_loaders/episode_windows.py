@@ -11,7 +11,7 @@ from exumi_data.errors import DamagedDataError, UsageError
 from exumi_data.splits import split_ids
 from exumi_loaders.draws import words
 from exumi_loaders.layout import Layout
-from exumi_loaders.options import one_of
+from exumi_loaders.options import one_of, require_dataset
 from exumi_loaders.readers import FrameReaders
 from exumi_loaders.steps import window_anchors
 from exumi_loaders.timeline import TimelineSettings, build_timeline
@@ -74,6 +74,7 @@ class EpisodeWindows(Windows):
         by: Literal["episode", "object", "part"],
         ratio: tuple[int, int],
     ) -> None:
+        require_dataset(dataset)
         if split is not None:
             dataset = dataset.select(split_ids(dataset, split, by=by, ratio=ratio, seed=self._seed))
         self.split = split

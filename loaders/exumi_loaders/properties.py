@@ -17,6 +17,7 @@ from exumi_loaders.clip_batches import (
 )
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clips, Provenance
+from exumi_loaders.filled import FilledBatch
 from exumi_loaders.sampler import WindowIndex
 from exumi_loaders.window_frames import OnCorrupt
 
@@ -176,11 +177,12 @@ class PropertyWindows(Dataset[Item]):
             chosen[rows] = replacements(self._seed, indices, rows, tries, len(self))
             return np.asarray(self._clip[chosen[rows]])
 
-        return {
-            **self._batches.fill(self._clip[chosen], redraw),
-            "rating": torch.from_numpy(self.rating[chosen]),
-            "rating_valid": torch.from_numpy(self.rating_valid[chosen]),
-        }
+        filled = self._batches.fill(self._clip[chosen], redraw)
+        return FilledBatch(
+            filled,
+            rating=torch.from_numpy(self.rating[chosen]),
+            rating_valid=torch.from_numpy(self.rating_valid[chosen]),
+        )
 
     def loader(
         self,

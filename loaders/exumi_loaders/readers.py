@@ -70,15 +70,25 @@ class FrameReaders:
         if found is not None:
             readers.move_to_end(episode)
             return found
-        if self._last is None or self._last[0] != episode:
-            # A window asks for several streams of one episode: its metadata is read once.
-            self._last = (episode, self._open(episode))
-        view = self._last[1][stream]
+        view = self.episode(episode)[stream]
         found = (view.frames, view.reference if view.kind == "tactile" else None)
         readers[episode] = found
         if len(readers) > self._kept[stream]:
             readers.popitem(last=False)
         return found
+
+    def episode(self, episode: int) -> Episode:
+        """Return an episode; of several calls in a row for the same one it is opened once.
+
+        Raises
+        ------
+        ChangedDataError
+            As of `get`.
+        """
+        if self._last is None or self._last[0] != episode:
+            # A window asks for several streams of one episode: its metadata is read once.
+            self._last = (episode, self._open(episode))
+        return self._last[1]
 
     def _open(self, episode: int) -> Episode:
         location = self._locations[episode]

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from torch.utils.data import Sampler
 
 from exumi_data.errors import UsageError
 from exumi_loaders.draws import uniform
+from exumi_loaders.epochs import EpochSampler, refuse_other
 
 __all__ = ["WindowIndex", "WindowSampler"]
 
@@ -27,7 +27,7 @@ class _Windows(Protocol):
     def active(self) -> np.ndarray: ...
 
 
-class WindowSampler(Sampler[WindowIndex]):
+class WindowSampler(EpochSampler[WindowIndex]):
     """Order and thin out the windows of each epoch.
 
     Inactive windows are left out with a probability, decided from *stored* activity: nothing is
@@ -56,6 +56,7 @@ class WindowSampler(Sampler[WindowIndex]):
         seed: int = 0,
         reject_inactive: float = 0.0,
     ) -> None:
+        super().__init__()
         if not 0 <= reject_inactive <= 1:
             raise UsageError(f"reject_inactive is {reject_inactive}, not in [0, 1]")
         self._windows = windows
@@ -64,8 +65,6 @@ class WindowSampler(Sampler[WindowIndex]):
         self._reject = reject_inactive
         if reject_inactive:
             _ = windows.active  # says now, not in the middle of an epoch, if there is no activity
-        self.epoch = 0
-        self._start = 0
 
     def order(self, epoch: int) -> np.ndarray:
         """Return the window indices of an epoch, (M,) int64.
@@ -84,26 +83,21 @@ class WindowSampler(Sampler[WindowIndex]):
             indices = generator.permutation(indices)
         return indices
 
-    def __len__(self) -> int:
-        """Count the windows of the current epoch."""
-        return len(self.order(self.epoch))
+    def _count(self, epoch: int) -> int:
+        return len(self.order(epoch))
 
-    def __iter__(self) -> Iterator[WindowIndex]:
-        epoch, start = self.epoch, self._start
+    def _indices(self, epoch: int, start: int) -> Iterator[WindowIndex]:
         for index in self.order(epoch)[start:]:
             yield WindowIndex(epoch, int(index))
-        self.epoch = epoch + 1
-        self._start = 0
 
-    def set_epoch(self, epoch: int) -> None:
-        """Go to the beginning of an epoch.
-
-        Parameters
-        ----------
-        epoch : int
-        """
-        self.epoch = epoch
-        self._start = 0
+    def _order_of(self) -> dict[str, Any]:
+        """Return what the order of an epoch depends on."""
+        return {
+            "seed": self._seed,
+            "windows": len(self._windows),
+            "shuffle": self._shuffle,
+            "reject_inactive": self._reject,
+        }
 
     def state_dict(self, consumed: int) -> dict[str, Any]:
         """Return what it takes to go on.
@@ -111,10 +105,21 @@ class WindowSampler(Sampler[WindowIndex]):
         Parameters
         ----------
         consumed : int
-            Windows of this epoch that training has used. (The sampler itself runs ahead of
-            training by what the workers prefetch, so it cannot know.)
+            Windows that training has used of the epoch that was begun last. (The sampler
+            runs ahead of training by what the workers prefetch, so it cannot know.)
+
+        Returns
+        -------
+        dict
+            Of plain values. Where all of the epoch was used, it leads to the next one.
+
+        Raises
+        ------
+        UsageError
+            The epoch has not that many.
         """
-        return {"seed": self._seed, "epoch": self.epoch, "consumed": consumed}
+        epoch, used = self._position(consumed)
+        return {**self._order_of(), "epoch": epoch, "consumed": used}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a state: the next window is the one after those consumed.
@@ -127,9 +132,7 @@ class WindowSampler(Sampler[WindowIndex]):
         Raises
         ------
         UsageError
-            The state belongs to another seed.
+            The state belongs to other windows, another seed or other options.
         """
-        if state["seed"] != self._seed:
-            raise UsageError(f"the state has seed {state['seed']}, this sampler {self._seed}")
-        self.epoch = int(state["epoch"])
-        self._start = int(state["consumed"])
+        refuse_other(state, self._order_of())
+        self._go_on(int(state["epoch"]), int(state["consumed"]))

@@ -81,7 +81,8 @@ class TextureEncoder:
         if frames.shape[3] != self.channels or reference.shape[2] != self.channels:
             raise UsageError(
                 f"frames have {frames.shape[3]} channel(s) and the reference "
-                f"{reference.shape[2]}; this encoder was made for {self.channels}"
+                f"{reference.shape[2]}; this encoder was made for {self.channels}",
+                fix="Give clips as those of the index are: exumi prepare, with or without --gray.",
             )
         if frames.shape[1:] != reference.shape:
             raise UsageError(f"frames of {frames.shape[1:]}, but a reference of {reference.shape}")

@@ -17,6 +17,7 @@ from exumi_loaders.clip_batches import (
 )
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clips
+from exumi_loaders.filled import FilledBatch
 from exumi_loaders.sampler import WindowIndex
 from exumi_loaders.window_frames import OnCorrupt
 
@@ -134,7 +135,7 @@ class TwoViews(Dataset[Item]):
             drawn = replacements(self._seed, indices, rows, tries, len(self))
             return np.asarray(drawn // self.clips.frames)
 
-        return self._batches.fill_single(clip, which, redraw)
+        return FilledBatch(self._batches.fill_single(clip, which, redraw))
 
     def loader(
         self,

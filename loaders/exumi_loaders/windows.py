@@ -9,6 +9,7 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 
 from exumi_loaders.buffers import Batch, BatchBuffers, ItemSpec
 from exumi_loaders.device.jpeg_frames import pack_files
+from exumi_loaders.filled import FilledBatch
 from exumi_loaders.sampler import WindowIndex, WindowSampler
 
 __all__ = ["Item", "Windows"]
@@ -113,12 +114,14 @@ class Windows(Dataset[Item]):
         epochs, chosen = self._resolve(indices)
         batch: Batch = self._buffers.batch(self.spec, len(chosen))
         self.fill(batch.arrays, np.arange(len(chosen)), epochs, chosen)
-        return {
-            name: pack_files(batch.arrays[name], spec.shape[-3:])
-            if spec.files
-            else batch.tensors[name]
-            for name, spec in self.spec.items()
-        }
+        return FilledBatch(
+            {
+                name: pack_files(batch.arrays[name], spec.shape[-3:])
+                if spec.files
+                else batch.tensors[name]
+                for name, spec in self.spec.items()
+            }
+        )
 
     def _resolve(
         self, indices: Sequence[SupportsIndex | WindowIndex]

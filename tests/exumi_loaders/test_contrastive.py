@@ -106,8 +106,14 @@ def test_ranks_share_the_batches_and_go_on_where_they_stopped(mixed: Any) -> Non
     resumed = BatchOrder(batches, rank=1, world_size=2)
     resumed.load_state_dict(BatchOrder(batches, rank=1, world_size=2).state_dict(2))
     assert [*resumed, *resumed] == whole[2:]
-    with pytest.raises(UsageError, match="batches an epoch"):
-        resumed.load_state_dict({"epoch": 0, "consumed": 0, "batches": 99})
+    state = BatchOrder(batches).state_dict(0)
+    with pytest.raises(UsageError, match="batches 99"):
+        BatchOrder(batches).load_state_dict({**state, "batches": 99})
+    with pytest.raises(UsageError, match="world_size 1"):
+        resumed.load_state_dict(state)
+    other = ContrastiveBatches(mixed, parts=2, frames=3, seed=1)
+    with pytest.raises(UsageError, match="seed 0"):
+        BatchOrder(other).load_state_dict(state)
     last = BatchIndex(1, 0)
     assert batches[last]["clip"].tolist() == batches.plan(1)[0][1].tolist()
 

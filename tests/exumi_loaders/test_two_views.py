@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 import torch
 from torch import Tensor
+from torch.utils.data import DataLoader, Subset
 
 from exumi_data.errors import UsageError
 from exumi_loaders import TwoViews, WindowSampler
@@ -61,10 +62,22 @@ def test_the_order_is_that_of_the_seed_and_resumable(three: Any) -> None:
     assert sorted(whole) == [10, 11, 12, 20, 21, 22, 30, 31, 31]
     views = TwoViews(three, frames=3, seed=5)
     sampler = WindowSampler(views, seed=5)  # type: ignore[arg-type]  # it needs no activity
-    sampler.load_state_dict({"seed": 5, "epoch": 0, "consumed": 4})
+    sampler.load_state_dict(sampler.state_dict(4))
     assert order(sampler=sampler) == whole[4:]
 
 
 def test_frames_of_two_sizes_are_refused(make_touches: Any, touch: Any) -> None:
     with pytest.raises(UsageError, match="exumi prepare"):
         TwoViews(make_touches(touch(), touch(side=16)))
+
+
+def test_a_batch_that_is_filled_is_not_collated(three: Any) -> None:
+    """What a DataLoader of one's own does, unless it is told."""
+    views = TwoViews(three, frames=3)
+    part = Subset(views, [0, 4])
+    with pytest.raises(UsageError, match="collate_fn"):
+        next(iter(DataLoader(part, batch_size=2)))
+    batch = next(iter(DataLoader(part, batch_size=2, collate_fn=lambda batch: batch)))
+    assert batch["clip"].tolist() == [0, 1]
+    with pytest.raises(KeyError, match="tactile"):
+        batch["tactile"]
