@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -44,7 +45,7 @@ def denoise(predict: Callable[[Tensor, Tensor], Tensor], noise: Tensor, steps: i
     noisy = noise
     clean = noise
     times = torch.linspace(1, 0, steps + 1, device=noise.device)
-    for now, then in zip(times[:-1], times[1:], strict=True):
+    for now, then in pairwise(times):
         clean = predict(noisy, now.expand(len(noise)))
         signal, spread = _schedule(now)
         rest = (noisy - signal * clean) / spread

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torch import Tensor
+
 from tpp.data import Sample, Samples
 from tpp.predictor import TactilePredictor
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
+
 from tpp.data import Sample, Scales
 from tpp.denoiser import Denoiser
 from tpp.diffusion import add_noise, denoise
@@ -72,6 +73,8 @@ class TactilePredictor(nn.Module):
     sizes : Sizes
     history_frames : int
         Tactile frames that are history; the others are to be predicted.
+    images : int
+        Camera images of a window.
     first_step, last_step : int
         Of the windows.
     scales : Scales
@@ -86,6 +89,7 @@ class TactilePredictor(nn.Module):
         sizes: Sizes,
         *,
         history_frames: int,
+        images: int,
         first_step: int,
         last_step: int,
         scales: Scales,
@@ -100,6 +104,7 @@ class TactilePredictor(nn.Module):
         self.enter_history = nn.Linear(sizes.latent, width)
         self.unseen_touch = nn.Parameter(torch.zeros(width))
         self.unseen_image = nn.Parameter(torch.zeros(width))
+        self.image_place = nn.Parameter(0.02 * torch.randn(images, width))
         self.register_buffer("mean", scales.action)
         self.register_buffer("spread", scales.action_spread)
         self.register_buffer("change", scales.change)
@@ -123,9 +128,8 @@ class TactilePredictor(nn.Module):
         # Of the future alone, which no mask leaves out: the VAE learns from the same images then.
         seen = sample.touch_seen[:, self._history :]
         images = sample.touch[:, self._history :][seen]
-        chosen = torch.randperm(len(images), device=images.device)[: max(1, len(images) // 2)]
-        noise = torch.randn(len(chosen), self.sizes.latent, device=images.device)
-        reconstruction = self.vae.loss(images[chosen], noise, self.sizes.divergence)
+        noise = torch.randn(len(images), self.sizes.latent, device=images.device)
+        reconstruction = self.vae.loss(images, noise, self.sizes.divergence)
         keep = torch.rand(history.shape[:2], device=images.device) > self.sizes.hidden_history
         context = self._context(sample, history, keep)
         time = torch.rand(len(future), device=images.device)
@@ -201,9 +205,8 @@ class TactilePredictor(nn.Module):
             tokens.append(self._action_tokens(sample))
         if sample.image.shape[1]:
             features = self.see(sample.image.flatten(0, 1)).view(*sample.image.shape[:2], -1)
-            tokens.append(
-                torch.where(sample.image_seen[..., None], features, self.unseen_image)
-            )
+            seen_image = torch.where(sample.image_seen[..., None], features, self.unseen_image)
+            tokens.append(seen_image + self.image_place)
         return torch.cat(tokens, dim=1)
 
     def _action_tokens(self, sample: Sample) -> Tensor:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 
 import torch
+
 from tpp.data import Samples, measure
 from tpp.predictor import Losses, Sizes, TactilePredictor
 
@@ -29,11 +30,12 @@ def make_predictor(sizes: Sizes, samples: Samples, seed: int) -> TactilePredicto
         history_frames=steps.history_frames,
         first_step=int(steps.first),
         last_step=int(steps.last),
+        images=len(samples.windows.layout.rgb) * len(steps.rgb),
         scales=scales,
     )
 
 
-def train(  # noqa: PLR0913  # keyword-only
+def train(  # keyword-only
     model: TactilePredictor,
     samples: Samples,
     *,

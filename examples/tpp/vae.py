@@ -27,6 +27,7 @@ class TactileVAE(nn.Module):
 
     average: Tensor
     contrast: Tensor
+    followed: Tensor
     shift: Tensor
     scale: Tensor
 
@@ -56,6 +57,7 @@ class TactileVAE(nn.Module):
             nn.ConvTranspose2d(width, channels, 4, stride=4),
         )
         # Mean and spread of the latents, followed while training: diffusion wants about (0, 1).
+        self.register_buffer("followed", torch.zeros(()))
         self.register_buffer("shift", torch.zeros(latent))
         self.register_buffer("scale", torch.ones(()))
 
@@ -78,8 +80,10 @@ class TactileVAE(nn.Module):
         return latents * self.scale + self.shift
 
     @torch.no_grad()
-    def follow(self, latents: Tensor, rate: float = 0.05) -> None:
-        """Let shift and scale follow the latents (N, D) of a batch."""
+    def follow(self, latents: Tensor, slowest: float = 0.05) -> None:
+        """Let shift and scale follow the latents (N, D) of a batch: a mean that forgets slowly."""
+        self.followed += 1
+        rate = max(slowest, 1 / float(self.followed))
         self.shift.lerp_(latents.mean(0), rate)
         self.scale.lerp_((latents - self.shift).square().mean().sqrt().clamp_min(1e-3), rate)
 

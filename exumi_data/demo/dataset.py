@@ -92,9 +92,7 @@ class DemoSettings:
 
 
 @lru_cache(maxsize=1)  # one process writes several grasps of one session
-def make_session(
-    seed: int, seconds: float, taps: int = 0, frame_width: int = 320
-) -> "PlaySession":
+def make_session(seed: int, seconds: float, taps: int = 0, frame_width: int = 320) -> "PlaySession":
     """Return the simulated play session.
 
     Parameters
@@ -183,11 +181,11 @@ def _dataset_metadata(settings: DemoSettings) -> DatasetMetadata:
     )
 
 
-def _command(settings: DemoSettings) -> str:
-    return (
-        f"exumi demo --seed {settings.seed} --seconds {settings.seconds:g}"
-        + (f" --taps {settings.taps}" if settings.taps else "")
-    )
+def _command(settings: DemoSettings) -> str | None:
+    """Return the command that makes this dataset; None where only Python can."""
+    if settings != DemoSettings(seed=settings.seed, seconds=settings.seconds):
+        return None
+    return f"exumi demo --seed {settings.seed} --seconds {settings.seconds:g}"
 
 
 def _clear_earlier(root: Path) -> None:

@@ -4,8 +4,8 @@ A hand that plays reaches for an object, closes on it, lifts it, turns it about 
 between the pads, squeezes once more, puts it down a little further on and leaves. The steps
 overlap as in real reaching, except where the gripper must rest on the object: while it closes and
 while it opens. On request the hand taps first: it stays where it is and closes and opens at random
-times, to random depths, sometimes short of contact. What will be felt is then decided by the fingers
-alone; nothing that a camera sees tells when.
+times, to random depths, sometimes short of contact. What will be felt is then decided by the
+fingers alone; nothing that a camera sees tells when.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ class PlaySession:
         return self.truth.grasps
 
 
-def simulate_play(
+def simulate_play(  # noqa: PLR0913  # keyword-only options, each with a default
     *,
     seed: int = 0,
     duration_s: float = 20.0,
