@@ -46,32 +46,38 @@ class Denoiser(nn.Module):
     ----------
     latent : int
         Length D of a latent vector.
+    frames : int
+        Frames H of the history.
     width, depth, heads : int
         Of the transformer.
     """
 
-    def __init__(self, latent: int, width: int, depth: int, heads: int) -> None:
+    def __init__(self, latent: int, frames: int, width: int, depth: int, heads: int) -> None:
         super().__init__()
-        self.width = width
+        self.latent, self.width = latent, width
         self.enter = nn.Linear(latent, width)
         self.time = nn.Sequential(nn.Linear(width, width), nn.SiLU(), nn.Linear(width, width))
         self.blocks = nn.ModuleList(_Block(width, heads) for _ in range(depth))
         self.norm = nn.LayerNorm(width)
-        self.leave = nn.Linear(width, latent)
+        self.leave = nn.Linear(width, latent + frames)
 
-    def forward(self, noisy: Tensor, places: Tensor, time: Tensor, context: Tensor) -> Tensor:
-        """Estimate the clean latents.
+    def forward(
+        self, noisy: Tensor, time: Tensor, *, places: Tensor, context: Tensor, history: Tensor
+    ) -> Tensor:
+        """Estimate the clean latents: a mixture of those of the history, and what is new.
 
         Parameters
         ----------
         noisy : Tensor
             (B, N, D).
-        places : Tensor
-            (B, N, width): which finger and step each of them is of.
         time : Tensor
             (B,) in [0, 1].
+        places : Tensor
+            (B, N, width): of which step each of them is.
         context : Tensor
             (B, M, width): tokens of history, actions and images.
+        history : Tensor
+            (B, H, D): latents of the history, zero where it is not seen.
 
         Returns
         -------
@@ -82,7 +88,9 @@ class Denoiser(nn.Module):
         when = nn.functional.silu(self.time(_waves(time, self.width)))
         for block in self.blocks:
             tokens = block(tokens, when)
-        return torch.as_tensor(self.leave(self.norm(tokens[:, : noisy.shape[1]])))
+        left = self.leave(self.norm(tokens[:, : noisy.shape[1]]))
+        new, shares = left.split([self.latent, history.shape[1]], dim=-1)
+        return torch.as_tensor(new + shares @ history)
 
 
 def _waves(time: Tensor, width: int) -> Tensor:

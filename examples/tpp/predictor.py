@@ -1,6 +1,8 @@
 """Tactile Prediction Pretraining: predict the touch to come, in the latents of a tactile VAE."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor, nn
@@ -12,7 +14,11 @@ from tpp.vae import TactileVAE
 
 __all__ = ["Losses", "Sizes", "TactilePredictor"]
 
+Estimate = Callable[[Tensor, Tensor], Tensor]
+
 _PATCH = 4  # steps of action in one token
+_LATE = 2.5  # power of a uniform number that is taken from 1, the time of pure noise
+_FINE = 10.0  # how much finer than a usual change from step to step actions are resolved
 
 
 @dataclass(frozen=True)
@@ -27,8 +33,8 @@ class Sizes:
         Of the VAE: length of a latent vector, channels of its first convolution.
     width, depth, heads : int
         Of the diffusion transformer.
-    reconstruction, divergence : float
-        Weights of the VAE's two losses; that of the diffusion is 1.
+    divergence : float
+        Weight of the divergence of the VAE's latents from the standard normal.
     hidden_history : float
         Probability that a frame of the history is hidden while training.
     """
@@ -39,14 +45,13 @@ class Sizes:
     width: int = 384
     depth: int = 8
     heads: int = 6
-    reconstruction: float = 1.0
     divergence: float = 1e-3
     hidden_history: float = 0.25
 
     @staticmethod
     def small() -> "Sizes":
-        """Return sizes for a CPU: a step takes some 50 ms."""
-        return Sizes(side=32, latent=48, vae_width=32, width=96, depth=3, heads=4)
+        """Return sizes for a CPU: a step takes about a tenth of a second."""
+        return Sizes(side=32, latent=24, vae_width=32, width=96, depth=3, heads=4)
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,9 @@ class Losses:
     """What is minimised: the sum of both."""
 
     diffusion: Tensor
+    """In the latents."""
     reconstruction: Tensor
+    """Of images by the VAE, and of predicted ones, relative to the spread of images."""
 
     @property
     def total(self) -> Tensor:
@@ -99,7 +106,7 @@ class TactilePredictor(nn.Module):
         self._history, self._first = history_frames, first_step
         width = sizes.width
         self.vae = TactileVAE(scales.touch, scales.touch_spread, sizes.latent, sizes.vae_width)
-        self.denoiser = Denoiser(sizes.latent, width, sizes.depth, sizes.heads)
+        self.denoiser = Denoiser(sizes.latent, history_frames, width, sizes.depth, sizes.heads)
         self.step_place = nn.Embedding(last_step - first_step + 1, width)
         self.enter_history = nn.Linear(sizes.latent, width)
         self.unseen_touch = nn.Parameter(torch.zeros(width))
@@ -108,7 +115,7 @@ class TactilePredictor(nn.Module):
         self.register_buffer("mean", scales.action)
         self.register_buffer("spread", scales.action_spread)
         self.register_buffer("change", scales.change)
-        columns = 2 * len(scales.action) + 1  # the action, its change, and whether it is seen
+        columns = 3 * len(scales.action) + 1  # see _action_tokens
         count = -(-(last_step - first_step + 1) // _PATCH)
         self.enter_action = nn.Linear(_PATCH * columns, width)
         self.action_place = nn.Parameter(0.02 * torch.randn(count, width))
@@ -122,21 +129,33 @@ class TactilePredictor(nn.Module):
             nn.Linear(2 * channels * (sizes.side // 16) ** 2, width),
         )
 
-    def losses(self, sample: Sample) -> Losses:
-        """Compute the losses of a batch; noise and hidden frames come from torch's generator."""
-        history, future = self._latents(sample)
+    def losses(self, sample: Sample, *, predict: bool = True) -> Losses:
+        """Compute the losses of a batch; noise and hidden frames come from torch's generator.
+
+        Parameters
+        ----------
+        sample : Sample
+        predict : bool
+            False trains the VAE alone.
+        """
         # Of the future alone, which no mask leaves out: the VAE learns from the same images then.
         seen = sample.touch_seen[:, self._history :]
         images = sample.touch[:, self._history :][seen]
         noise = torch.randn(len(images), self.sizes.latent, device=images.device)
         reconstruction = self.vae.loss(images, noise, self.sizes.divergence)
+        if not predict:
+            return Losses(torch.zeros_like(reconstruction), reconstruction)
+        history, future = self._latents(sample)
         keep = torch.rand(history.shape[:2], device=images.device) > self.sizes.hidden_history
-        context = self._context(sample, history, keep)
-        time = torch.rand(len(future), device=images.device)
+        # Most of what is to be learnt lies where there is much noise, so most times are late.
+        time = 1 - torch.rand(len(future), device=images.device) ** _LATE
         noisy = add_noise(future, torch.randn_like(future), time)
-        error = (self.denoiser(noisy, self._future_places(sample), time, context) - future).square()
-        diffusion = (error.mean(-1) * seen).sum() / seen.sum().clamp_min(1)
-        return Losses(diffusion, self.sizes.reconstruction * reconstruction)
+        clean = self._estimate(sample, history, keep)(noisy, time)
+        error = (clean - future).square().mean(-1)
+        diffusion = (error * seen).sum() / seen.sum().clamp_min(1)
+        predicted = self.vae.decode(self.vae.restore(clean[seen]))
+        reconstruction = reconstruction + self.vae.error(predicted, images)
+        return Losses(diffusion, reconstruction)
 
     @torch.no_grad()
     def predict(self, sample: Sample, noise: Tensor, steps: int = 8) -> tuple[Tensor, Tensor]:
@@ -158,11 +177,8 @@ class TactilePredictor(nn.Module):
             (B, future frames, D), normalised.
         """
         history, future = self._latents(sample)
-        context = self._context(sample, history, torch.ones_like(history[..., 0], dtype=torch.bool))
-        places = self._future_places(sample)
-        latents = denoise(
-            lambda noisy, time: self.denoiser(noisy, places, time, context), noise, steps
-        )
+        everything = torch.ones_like(history[..., 0], dtype=torch.bool)
+        latents = denoise(self._estimate(sample, history, everything), noise, steps)
         images = self.vae.decode(self.vae.restore(latents).flatten(0, 1))
         return images.view(*future.shape[:2], *images.shape[1:]), latents
 
@@ -195,9 +211,26 @@ class TactilePredictor(nn.Module):
             normalise(future).view(*later.shape[:2], -1),
         )
 
-    def _context(self, sample: Sample, history: Tensor, keep: Tensor) -> Tensor:
-        """Return the tokens of history, actions and images, (B, M, width)."""
+    def _estimate(self, sample: Sample, history: Tensor, keep: Tensor) -> Estimate:
+        """Return the estimate of clean latents, given what is seen of a sample.
+
+        Parameters
+        ----------
+        sample : Sample
+        history : Tensor
+            (B, H, D): normalised latents.
+        keep : Tensor
+            (B, H) bool: frames of the history that are not hidden on purpose.
+        """
         seen = (sample.touch_seen[:, : self._history] & keep)[..., None]
+        context = self._context(sample, history, seen)
+        places = self._places(sample, slice(self._history, None))
+        # The frames to mix are fixed: latents are not to be flattened so that mixing is easy.
+        frames = (history * seen).detach()
+        return partial(self.denoiser, places=places, context=context, history=frames)
+
+    def _context(self, sample: Sample, history: Tensor, seen: Tensor) -> Tensor:
+        """Return the tokens of history, actions and images, (B, M, width)."""
         touch = torch.where(seen, self.enter_history(history), self.unseen_touch)
         touch = touch + self._places(sample, slice(None, self._history))
         tokens = [touch]
@@ -211,16 +244,16 @@ class TactilePredictor(nn.Module):
 
     def _action_tokens(self, sample: Sample) -> Tensor:
         seen = sample.action_seen[..., None]
-        action = (sample.action - self.mean) / self.spread
-        change = sample.action.diff(dim=1, prepend=sample.action[:, :1]) / self.change
-        columns = torch.cat((action * seen, change.clamp(-5, 5) * seen, seen), dim=-1)
+        action, now = sample.action, sample.action[:, -self._first : 1 - self._first]
+        # Half a millimetre decides what is felt, centimetres whether: a scale that shows both.
+        since = torch.asinh((action - now) / self.change * _FINE)
+        change = torch.asinh(action.diff(dim=1, prepend=action[:, :1]) / self.change * _FINE)
+        plain = (action - self.mean) / self.spread
+        columns = torch.cat((plain * seen, since * seen, change * seen, seen), dim=-1)
         steps = columns.shape[1]
         columns = nn.functional.pad(columns, (0, 0, 0, -steps % _PATCH))
         patches = columns.unflatten(1, (-1, _PATCH)).flatten(2)
         return torch.as_tensor(self.enter_action(patches) + self.action_place)
-
-    def _future_places(self, sample: Sample) -> Tensor:
-        return self._places(sample, slice(self._history, None))
 
     def _places(self, sample: Sample, frames: slice) -> Tensor:
         """Return what says of which step some tactile frames are, (B, k, width)."""

@@ -90,8 +90,6 @@ class TactileVAE(nn.Module):
     def loss(self, images: Tensor, noise: Tensor, divergence: float) -> Tensor:
         """Compute the error of reconstruction plus the divergence from the standard normal.
 
-        The error is relative to the spread of images: 1 is that of the mean image.
-
         Parameters
         ----------
         images : Tensor
@@ -104,5 +102,8 @@ class TactileVAE(nn.Module):
         mean, log_variance = self.encode(images)
         drawn = mean + noise * (0.5 * log_variance).exp()
         divergences = 0.5 * (mean.square() + log_variance.exp() - 1 - log_variance)
-        error = ((self.decode(drawn) - images) / self.contrast).square().mean()
-        return error + divergence * divergences.mean()
+        return self.error(self.decode(drawn), images) + divergence * divergences.mean()
+
+    def error(self, images: Tensor, true: Tensor) -> Tensor:
+        """Return the mean squared error relative to that of the mean image, which is 1."""
+        return ((images - true) / self.contrast).square().mean()
