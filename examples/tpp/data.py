@@ -142,6 +142,11 @@ def measure(samples: Samples, count: int = 512) -> Scales:
         touch,
         (sample.touch - touch).square().mean().sqrt().clamp_min(1e-4),
         action[seen].mean(0),
-        action[seen].std(0).clamp_min(1e-4),
-        change.std(0).clamp_min(1e-6),
+        _spread(action[seen]).clamp_min(1e-4),
+        _spread(change).clamp_min(1e-6),
     )
+
+
+def _spread(values: Tensor) -> Tensor:
+    """Return the spread of each column of (N, A) values; 1 where there is nothing to measure."""
+    return values.std(0) if len(values) > 1 else torch.ones(values.shape[1])
