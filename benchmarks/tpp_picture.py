@@ -16,7 +16,7 @@ from tpp_masks import Settings, Trainer, build
 
 from exumi_data.demo.canvas import Canvas
 
-CELL, GAP, LEFT, TOP, BETWEEN = 72, 6, 170, 62, 30
+CELL, GAP, LEFT, TOP, BETWEEN = 72, 6, 200, 62, 30
 INK, QUIET, GROUND = (30, 34, 40), (110, 116, 124), (255, 255, 255)
 SHOWN = ("none", "action", "tactile_history")
 NAMES = {
@@ -34,13 +34,22 @@ def grey(image: Tensor) -> np.ndarray:
 
 
 def choose(touch: Tensor, history: int) -> list[int]:
-    """Choose windows: the hand closes on something, lets go of it, and holds it all the time."""
+    """Choose windows: the hand closes on something, lets go of it, and holds it all the time.
+
+    Of each kind the one whose contact is of median strength.
+    """
     strength = touch[:, :, 1:3].mean(dim=(2, 3, 4))
     before, after = strength[:, :history], strength[:, history:]
-    closes = after[:, -1] - 5 * before.amax(1)
-    opens = before[:, -1] - 5 * after[:, -1]
-    holds = torch.minimum(before.amin(1), after.amin(1))
-    return [int(values.argmax()) for values in (closes, opens, holds)]
+    closes = after[:, -1] - 3 * before.amax(1)
+    opens = before[:, -1] - 3 * after[:, -1]
+    holds = torch.minimum(before.amin(1), after.amin(1)) - 3 * strength.min()
+    return [_median(values) for values in (closes, opens, holds)]
+
+
+def _median(values: Tensor) -> int:
+    """Return where the median of the positive values lies."""
+    positive = torch.nonzero(values > 0)[:, 0]
+    return int(positive[values[positive].argsort()[len(positive) // 2]])
 
 
 def draw(sample: Any, predictions: dict[str, Tensor], chosen: list[int], history: int) -> Canvas:
