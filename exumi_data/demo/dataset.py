@@ -73,21 +73,29 @@ class DemoSettings:
         Length of the play session, about one grasp in 5 s.
     quality : int
         JPEG quality of tactile and camera frames.
+    taps : int
+        How often the fingers close on an object and open again before they pick it up.
+    frame_width : int
+        Of tactile and camera frames, pixels; they are three quarters as high.
     """
 
     seed: int = 7
     seconds: float = 20.0
     quality: int = 95
+    taps: int = 0
+    frame_width: int = 320
 
 
 @lru_cache(maxsize=1)  # one process writes several grasps of one session
-def make_session(seed: int, seconds: float) -> "PlaySession":
+def make_session(seed: int, seconds: float, taps: int = 0, frame_width: int = 320) -> "PlaySession":
     """Return the simulated play session.
 
     Parameters
     ----------
     seed : int
     seconds : float
+    taps, frame_width : int
+        As of `DemoSettings`.
 
     Raises
     ------
@@ -96,10 +104,17 @@ def make_session(seed: int, seconds: float) -> "PlaySession":
     """
     from exumi_data.simulation import simulate_play
 
+    size = (3 * frame_width // 4, frame_width)
     try:
-        return simulate_play(seed=seed, duration_s=seconds)
+        return simulate_play(
+            seed=seed, duration_s=seconds, tactile_size=size, rgb_size=size, taps=taps
+        )
     except ValueError as error:
         raise UsageError(str(error).rstrip(".")) from None
+
+
+def _session(settings: DemoSettings) -> "PlaySession":
+    return make_session(settings.seed, settings.seconds, settings.taps, settings.frame_width)
 
 
 def write_play_dataset(
@@ -130,7 +145,7 @@ def write_play_dataset(
     UsageError
         `root` holds something else, or a setting is out of its range.
     """
-    grasps = range(len(make_session(settings.seed, settings.seconds).grasps))
+    grasps = range(len(_session(settings).grasps))
     _clear_earlier(root)
     create_dataset(root, _dataset_metadata(settings))
     function = partial(_write_grasp, root=root, settings=settings)
@@ -155,10 +170,17 @@ def _dataset_metadata(settings: DemoSettings) -> DatasetMetadata:
         made_by=MadeBy(
             tool=_TOOL,
             tool_version=__version__,
-            command=f"exumi demo --seed {settings.seed} --seconds {settings.seconds:g}",
+            command=_command(settings),
             settings=asdict(settings),
         ),
     )
+
+
+def _command(settings: DemoSettings) -> str | None:
+    """Return the command that makes this dataset; None where only Python can."""
+    if settings != DemoSettings(seed=settings.seed, seconds=settings.seconds):
+        return None
+    return f"exumi demo --seed {settings.seed} --seconds {settings.seconds:g}"
 
 
 def _clear_earlier(root: Path) -> None:
@@ -181,11 +203,14 @@ def _clear_earlier(root: Path) -> None:
 def episode_id(settings: DemoSettings, grasp: int) -> str:
     """Return the id of a grasp's episode: the same for the same settings."""
     key = f"exumi-demo/1 {settings.seed} {settings.seconds!r} {settings.quality} {grasp}"
+    plain = DemoSettings()
+    if (settings.taps, settings.frame_width) != (plain.taps, plain.frame_width):
+        key += f" {settings.taps} {settings.frame_width}"
     return str(uuid.uuid5(_NAMESPACE, key))
 
 
 def _write_grasp(number: int, *, root: Path, settings: DemoSettings) -> str:
-    session = make_session(settings.seed, settings.seconds)
+    session = _session(settings)
     metadata = _episode_metadata(session, number, settings)
     path = root / episode_path(metadata.id)
     with EpisodeWriter(path, metadata, durable=False) as writer:

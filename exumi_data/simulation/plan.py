@@ -3,7 +3,9 @@
 A hand that plays reaches for an object, closes on it, lifts it, turns it about and lets it slide
 between the pads, squeezes once more, puts it down a little further on and leaves. The steps
 overlap as in real reaching, except where the gripper must rest on the object: while it closes and
-while it opens.
+while it opens. On request the hand taps first: it stays where it is and closes and opens at random
+times, to random depths, sometimes short of contact. What will be felt is then decided by the
+fingers alone; nothing that a camera sees tells when.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ from exumi_data.simulation.truth import GelStiffness, Grasp, Truth
 __all__ = ["plan_play"]
 
 _GRASP_S = 5.0
+_TAP_S = 0.9
 _IDLE_S = 0.3
 _DOWN = (1.0, 0.0, 0.0, 0.0)  # gripper or object z down, x along world x
 _HOME = (0.0, -0.09, 0.20)
@@ -53,6 +56,10 @@ _EASE = (0.61, 0.70)
 _LOWER = (0.72, 0.88)
 _OPEN = (0.895, 0.98)
 _RETREAT = (0.95, 1.00)
+_TAPS_AT = 0.195  # before the fingers close
+
+_FEINTS = 0.3  # share of taps that stop short of contact
+_SHORTEST_TAP_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +126,11 @@ class _Builder:
 
 
 def plan_play(
-    rng: np.random.Generator, duration_s: float, objects: tuple[SimulatedObject, ...]
+    rng: np.random.Generator,
+    duration_s: float,
+    objects: tuple[SimulatedObject, ...],
+    *,
+    taps: int = 0,
 ) -> Truth:
     """Return the truth of a play session with these objects.
 
@@ -128,9 +139,11 @@ def plan_play(
     rng : numpy.random.Generator
         Source of all variation.
     duration_s : float
-        Length of the session, seconds; about one grasp every 5 s.
+        Length of the session, seconds; about one grasp every 5 s, and 0.9 s more for each tap.
     objects : tuple of SimulatedObject
         The objects on the table, taken in turn.
+    taps : int, optional
+        How often the fingers close and open again before each grasp.
 
     Returns
     -------
@@ -143,15 +156,17 @@ def plan_play(
     home = _Pose(np.array(_HOME), np.array(_DOWN)).turned(rng.normal(0, 0.05, 3))
     opening_m = float(rng.uniform(0.070, 0.080))
     builder = _Builder(home, opening_m, np.zeros(3))
-    edges = _grasp_edges(rng, duration_s)
+    pause_s = taps * _TAP_S
+    edges = _grasp_edges(rng, duration_s, _GRASP_S + pause_s)
     gel = GelStiffness()
     grasps = []
     for number, (start, end) in enumerate(pairwise(edges)):
         index = number % len(objects)
         rest = rests[index]
         rest.append(_next_rest(rng, rest[0], rest[-1]))
-        times = _Times(start, end)
-        grasps.append(_add_grasp(builder, rng, times, index, objects[index], rest, gel))
+        # A session that is shorter than a grasp leaves less time to tap, too.
+        times = _Times(start, end, pause_s * (end - start) / (_GRASP_S + pause_s))
+        grasps.append(_add_grasp(builder, rng, times, index, objects[index], rest, gel, taps))
     return Truth(
         duration_s=duration_s,
         objects=objects,
@@ -168,15 +183,24 @@ def plan_play(
 
 @dataclass(frozen=True, slots=True)
 class _Times:
-    """A grasp's start and end in seconds."""
+    """A grasp's start, end, and the pause for taps within, in seconds."""
 
     start: float
     end: float
+    pause: float
 
     def __call__(self, phase: tuple[float, float]) -> tuple[float, float]:
-        """Return a phase, given in parts of the grasp's time, in seconds."""
-        length = self.end - self.start
-        return self.start + phase[0] * length, self.start + phase[1] * length
+        """Return a phase, given in parts of the grasp's time without taps, in seconds."""
+        return self._at(phase[0]), self._at(phase[1])
+
+    def _at(self, part: float) -> float:
+        paused = self.pause if part > _TAPS_AT else 0.0
+        return self.start + paused + part * (self.end - self.start - self.pause)
+
+    def taps(self) -> tuple[float, float]:
+        """Return when the pause begins and ends."""
+        begin = self._at(_TAPS_AT)
+        return begin, begin + self.pause
 
 
 def _add_grasp(
@@ -187,6 +211,7 @@ def _add_grasp(
     item: SimulatedObject,
     rest: list[_Pose],
     gel: GelStiffness,
+    taps: int,
 ) -> Grasp:
     """Append one grasp, from the object's last but one rest pose to its last."""
     slips = _slips(rng)
@@ -198,7 +223,9 @@ def _add_grasp(
     builder.move_to(times(_REACH), grip.moved(local=(0, 0, -_HOVER_M)))
     builder.move_to(times(_DESCEND), grip)
     builder.add("envelope", times((_DESCEND[0], _DESCEND[1])), (-1.0,))
-    contact_s = _add_hold(builder, rng, times, item, gel)
+    tapped_s = _add_taps(builder, rng, times, item, gel, taps)
+    grasped_s = _add_hold(builder, rng, times, item, gel)
+    contact_s = grasped_s if tapped_s is None else tapped_s
     builder.slip_to(times(_SLIDE), slips[1])
     builder.slip_to(times(_SLIDE_ON), slips[2])
     builder.add("envelope", times(_LIFT), (1.0,))
@@ -214,6 +241,36 @@ def _add_grasp(
     return Grasp(
         item.name, index, times.start, times.end, contact_s, release_s, item.width_m, share
     )
+
+
+def _add_taps(
+    builder: _Builder,
+    rng: np.random.Generator,
+    times: _Times,
+    item: SimulatedObject,
+    gel: GelStiffness,
+    taps: int,
+) -> float | None:
+    """Append closing and opening again; return the time of first contact, None without any."""
+    begin, end = times.taps()
+    wide_m = builder.opening_m
+    first_s = None
+    cuts = begin + np.sort(rng.uniform(0, 1, taps)) * (end - begin) if taps else np.empty(0)
+    for start, stop in pairwise([*(float(cut) for cut in cuts), end]):
+        if stop - start < _SHORTEST_TAP_S:
+            continue
+        feint = rng.uniform() < _FEINTS
+        depth_m = item.hold_depth_m * float(rng.uniform(0.3, 1.1))
+        level = item.width_m - gel.drive_m(2 * depth_m)
+        if feint:
+            level = item.width_m + float(rng.uniform(0.3, 0.7)) * (wide_m - item.width_m)
+        hold = min(float(rng.uniform(0.25, 0.40)), 0.4 * (stop - start))
+        closing = (start, start + hold)
+        builder.close_to(closing, level)
+        if not feint and first_s is None:
+            first_s = _crossing_s(closing, wide_m, level, item.width_m)
+        builder.close_to((stop - hold, stop), wide_m)
+    return first_s
 
 
 def _add_hold(
@@ -256,9 +313,9 @@ def _slips(rng: np.random.Generator) -> list[Float64Array]:
     return [first, second, third]
 
 
-def _grasp_edges(rng: np.random.Generator, duration_s: float) -> list[float]:
+def _grasp_edges(rng: np.random.Generator, duration_s: float, grasp_s: float) -> list[float]:
     """Return the times between the grasps, the first grasp's start and the last one's end."""
-    count = max(1, round(duration_s / _GRASP_S))
+    count = max(1, round(duration_s / grasp_s))
     idle_s = min(_IDLE_S, 0.05 * duration_s)
     parts = rng.uniform(0.92, 1.08, count)
     ends = idle_s + np.cumsum(parts) / parts.sum() * (duration_s - 2 * idle_s)

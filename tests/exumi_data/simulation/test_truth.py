@@ -129,3 +129,34 @@ def test_objects_never_jump_and_move_only_in_the_hand(truth: Truth, times: Float
 def test_unknown_finger_is_refused(truth: Truth) -> None:
     with pytest.raises(ValueError, match="Supported values are left, right"):
         truth.contact_depth_m(cast("Finger", "thumb"), 1.0)
+
+
+@pytest.fixture(scope="module")
+def tapping() -> Truth:
+    return simulate_play(seed=5, duration_s=DURATION_S, tactile_size=(48, 64), taps=4).truth
+
+
+def test_a_tapping_hand_closes_and_opens_before_it_grasps(tapping: Truth) -> None:
+    contacts = []
+    for grasp in tapping.grasps:
+        times = np.arange(grasp.t_start_s, grasp.t_end_s, 0.01)
+        touching = tapping.in_contact(times)
+        began = times[1:][~touching[:-1] & touching[1:]]
+        assert began[0] == pytest.approx(grasp.t_contact_s, abs=0.02)
+        contacts.append(len(began))
+        # While it taps, the hand trembles but stays, and nothing is lifted.
+        tapped = times[(times >= began[0]) & (times < began[-1])]
+        place = tapping.pose(tapped)[:, :3]
+        assert np.ptp(place, axis=0).max(initial=0.0) < 2e-3
+        resting = tapping.object_pose(grasp.object_index, tapped)[:, 2]
+        height = tapping.objects[grasp.object_index].rest_height_m
+        assert np.abs(resting - height).max(initial=0.0) < 2e-3
+    assert max(contacts) > 2
+
+
+def test_a_hand_taps_only_where_it_is_asked_to(truth: Truth, tapping: Truth) -> None:
+    assert len(tapping.grasps) < len(truth.grasps)
+    again = simulate_play(seed=5, duration_s=DURATION_S, tactile_size=(48, 64), taps=0).truth
+    assert again.grasps == truth.grasps
+    with pytest.raises(ValueError, match="taps"):
+        simulate_play(taps=-1)
