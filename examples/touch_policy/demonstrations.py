@@ -52,7 +52,7 @@ __all__ = ["start", "write_demonstrations", "write_play"]
 
 _NAMESPACE = uuid.UUID("0f3b0f0e-6a55-5b8e-9a53-1c1f9a2f7c11")
 _SALIENT = 10
-_SQUEEZES = 6
+_SQUEEZES = 8
 
 Regime = Literal["demonstration", "play"]
 Target = tuple[np.ndarray, float]

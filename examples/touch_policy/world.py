@@ -59,7 +59,7 @@ _DIAMETER_M, _SPREAD_M = 0.024, 0.004
 _HARD, _SOFT = (0.0, 0.3), (0.9, 1.5)  # give: flattening per indentation of the gel
 _LOW_M, _HIGH_M = 0.5 * TARGET_M, 1.5 * TARGET_M  # dropped below, crushed above
 _DOWN = (1.0, 0.0, 0.0, 0.0)
-_BESIDE_M = 0.004  # that near, the fingers are beside the ball
+_BESIDE_M = np.array([0.012, 0.012, 0.006])  # that near, the fingers close on the ball
 _QUALITY = 95
 _SPEED_M_S, _CLOSING_M_S = 0.3, 0.03
 
@@ -108,7 +108,7 @@ def make_ball(rng: np.random.Generator, *, play: bool = False) -> Ball:
         give=float(rng.uniform(*give)),
         u_m=float(u),
         v_m=float(v),
-        x_m=float(rng.uniform(-0.01, 0.01)),
+        x_m=float(rng.uniform(-0.005, 0.005)),
     )
 
 
@@ -158,7 +158,7 @@ class World:
     @property
     def _is_at_ball(self) -> bool:
         """Whether the fingers are beside the ball on the table."""
-        return bool(np.abs(self.place - self._ball_place).max() < _BESIDE_M)
+        return bool((np.abs(self.place - self._ball_place) < _BESIDE_M).all())
 
     @property
     def _ball_place(self) -> np.ndarray:
@@ -181,7 +181,7 @@ class World:
     def outcome(self) -> Outcome:
         """Return how it went so far."""
         x = float(self.place[0]) * (1 if self.ball.is_hard else -1)
-        lifted = self.place[2] > BALL_HEIGHT_M + _BESIDE_M
+        lifted = self.place[2] > BALL_HEIGHT_M + _BESIDE_M[2]
         held = bool(self._is_carried and lifted and self._deepest_m <= _HIGH_M)
         return Outcome(held, x > 0.6 * BIN_M)
 
