@@ -82,7 +82,7 @@ def write_play(root: Path, count: int, seed: int) -> exumi_data.Dataset:
 
 
 def _demonstrate(world: World, rng: np.random.Generator) -> Iterator[Target]:
-    """Yield targets until the ball is in its bin: go down, close, wait, lift, carry, wait."""
+    """Yield targets until the ball is in its bin: go down, close, wait, lift, carry."""
     seconds = STEP_MS / 1e3
     top, width = world.place.copy(), world.width_m
     ball = top - np.array([0, 0, ABOVE_M])
@@ -94,21 +94,18 @@ def _demonstrate(world: World, rng: np.random.Generator) -> Iterator[Target]:
     while world.depth_m < wanted:
         width -= closing
         yield ball, width
-    yield from _move(ball, ball, 0.3, width)
+    yield from _move(ball, ball, 0.2, width)
     yield from _move(ball, top, 0.5, width)
-    yield from _move(top, side, 0.7, width)
-    yield from _move(side, side, 0.3, width)
+    yield from _move(top, side, 0.8, width)
 
 
 def _move(begin: np.ndarray, end: np.ndarray, lasts_s: float, width: float) -> Iterator[Target]:
-    for share in _smooth(lasts_s):
+    for share in _shares(lasts_s):
         yield begin + (end - begin) * share, width
 
 
-def _smooth(lasts_s: float) -> list[float]:
-    """Return shares of a way that begins and ends slowly."""
-    share = np.linspace(0, 1, max(1, round(lasts_s * 1e3 / STEP_MS)) + 1)[1:]
-    return (share * share * (3 - 2 * share)).tolist()
+def _shares(lasts_s: float) -> np.ndarray:
+    return np.linspace(0, 1, max(1, round(lasts_s * 1e3 / STEP_MS)) + 1)[1:]
 
 
 def _play(world: World, rng: np.random.Generator) -> Iterator[Target]:
@@ -118,8 +115,9 @@ def _play(world: World, rng: np.random.Generator) -> Iterator[Target]:
     for _ in range(_SQUEEZES):
         wanted = world.ball.width_m(float(rng.uniform(0.1, 1.5)) * TARGET_M)
         speed = float(rng.uniform(0.004, 0.008))
-        for share in _smooth(abs(wanted - width) / speed):
-            yield place, width + (wanted - width) * share
+        for share in _shares(abs(wanted - width) / speed):
+            smooth = float(share * share * (3 - 2 * share))  # as a hand that begins and ends slowly
+            yield place, width + (wanted - width) * smooth
         width = wanted
         yield from _move(place, place, 0.1, width)
 
@@ -143,7 +141,7 @@ def _write(root: Path, regime: Regime, count: int, seed: int) -> exumi_data.Data
         metadata = _metadata(world, regime, key, made_with)
         with EpisodeWriter(root / episode_path(metadata.id), metadata, durable=False) as writer:
             _record(writer, senses, world, targets)
-    table, failed = build_catalog(root)
+    table, failed = build_catalog(root, workers=1)
     if failed:
         raise RuntimeError(f"{len(failed)} episodes were not written")
     write_catalog(root, table)

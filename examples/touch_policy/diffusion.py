@@ -69,7 +69,7 @@ class Denoiser(nn.Module):
         time = torch.rand(len(clean), device=clean.device)
         signal, spread = _shares(time[:, None])
         noisy = signal * clean + spread * torch.randn_like(clean)
-        return (self(noisy, time, context) - clean).square()
+        return torch.as_tensor((self(noisy, time, context) - clean).square())
 
     @torch.no_grad()
     def draw(self, context: Tensor, steps: int = 8) -> Tensor:

@@ -1,4 +1,4 @@
-"""Tactile encoders that are trained on play without labels, and frozen: TPP, BYOL, or from a file."""
+"""Tactile encoders that are trained on play without labels, and frozen: TPP or BYOL."""
 
 import copy
 from pathlib import Path
@@ -15,8 +15,10 @@ __all__ = [
     "FrozenEncoder",
     "TactileEncoder",
     "load_tpp_encoder",
+    "salient_images",
     "train_byol",
     "train_tpp",
+    "untrained_encoder",
 ]
 
 _PATCH = 16  # pixels that both convolutions reduce to one
@@ -140,7 +142,7 @@ class _Prediction(nn.Module):
         context = torch.cat((past.flatten(1), action.flatten(1)), dim=1)
         # What is to be predicted is no way to learn: it would be made easy.
         diffusion = self.denoiser.error(later.flatten(1).detach(), context).mean()
-        return error.square().mean() + 1e-3 * divergence + diffusion
+        return torch.as_tensor(error.square().mean() + 1e-3 * divergence + diffusion)
 
 
 def train_tpp(play: exumi_data.Dataset, steps: int, seed: int) -> FrozenEncoder:
@@ -153,7 +155,8 @@ def train_tpp(play: exumi_data.Dataset, steps: int, seed: int) -> FrozenEncoder:
     """
     windows = TPPWindows(play, rgb=[])
     torch.manual_seed(seed)
-    encoder, images = _untrained(play)
+    images = salient_images(play)
+    encoder = untrained_encoder(images)
     action = windows.spec["action"].shape
     tactile = windows.spec["tactile_left"].shape
     model = _Prediction(encoder, tactile[0], tactile[0] // 2, action[0] * action[1])
@@ -179,7 +182,8 @@ def train_byol(play: exumi_data.Dataset, steps: int, seed: int) -> FrozenEncoder
     """
     views = TwoViews(play, seed=seed)
     torch.manual_seed(seed)
-    encoder, images = _untrained(play)
+    images = salient_images(play)
+    encoder = untrained_encoder(images)
     online = nn.Sequential(encoder, _perceptron(encoder.size))
     target = copy.deepcopy(online).requires_grad_(requires_grad=False)
     guess = _perceptron(encoder.size)
@@ -198,7 +202,8 @@ def train_byol(play: exumi_data.Dataset, steps: int, seed: int) -> FrozenEncoder
         """Return one view: frame and reference are changed alike, as another pad would look."""
         seen = {"tactile": batch["frames"][:, None], "tactile_reference": batch["reference"]}
         seen = change(seen)
-        return represent(255 * seen["tactile"], 255 * seen["tactile_reference"])[:, 0]
+        images = represent(255 * seen["tactile"], 255 * seen["tactile_reference"])
+        return torch.as_tensor(images[:, 0])
 
     done = 0
     while done < steps:
@@ -232,11 +237,11 @@ def salient_images(dataset: exumi_data.Dataset) -> Tensor:
     """Return the representation of a dataset's salient frames, (N, 3, side, side)."""
     views = TwoViews(dataset)
     batch = views.__getitems__(range(len(views)))
-    return TactileRepresentation()(batch["frames"][:, None], batch["reference"])[:, 0]
+    images = TactileRepresentation()(batch["frames"][:, None], batch["reference"])
+    return torch.as_tensor(images[:, 0])
 
 
-def _untrained(play: exumi_data.Dataset) -> tuple[TactileEncoder, Tensor]:
-    """Return an encoder whose inputs have about unit spread, and images to measure it by."""
-    images = salient_images(play)
+def untrained_encoder(images: Tensor) -> TactileEncoder:
+    """Make an encoder whose inputs have about unit spread, given images to measure it by."""
     average = images.mean(0)
-    return TactileEncoder(average, (images - average).std()), images
+    return TactileEncoder(average, (images - average).std())

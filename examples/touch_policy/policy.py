@@ -10,13 +10,11 @@ from exumi_loaders.policy_spec import PolicySpec
 from touch_policy.diffusion import Denoiser
 from touch_policy.encoders import FrozenEncoder, TactileEncoder
 
-__all__ = ["OBSERVED", "DiffusionPolicy", "train_policy"]
+__all__ = ["DiffusionPolicy", "train_policy"]
 
-OBSERVED = {"observation_steps": 2, "action_steps": 8, "tick_s": 0.1, "action": "absolute"}
-"""What a window of the policy holds."""
 
 _SEEN = 32
-_BATCH = 64
+_BATCH = 32
 _AVERAGED = 0.99
 
 Batch = Mapping[str, Tensor]
@@ -64,7 +62,8 @@ class DiffusionPolicy(nn.Module):
         batch = self.normaliser.normalise(batch)
         error = self.denoiser.error(batch["action"].flatten(1), self._context(batch))
         valid = batch["action_valid"][..., None]
-        return (error.view_as(batch["action"]) * valid).sum() / valid.sum() / self._shape[1]
+        total = (error.view_as(batch["action"]) * valid).sum()
+        return torch.as_tensor(total / valid.sum() / self._shape[1])
 
     @torch.no_grad()
     def act(self, observation: Batch) -> Tensor:
@@ -84,7 +83,7 @@ class DiffusionPolicy(nn.Module):
     @staticmethod
     def _each(network: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
         """Apply a network to each step of (B, n, C, H, W)."""
-        return network(images.flatten(0, 1)).unflatten(0, images.shape[:2])
+        return torch.as_tensor(network(images.flatten(0, 1)).unflatten(0, images.shape[:2]))
 
 
 def train_policy(

@@ -12,7 +12,7 @@ from exumi_loaders import PolicySpec, PolicyStream
 from exumi_loaders.targets import Targets
 from touch_policy.demonstrations import start
 from touch_policy.policy import DiffusionPolicy
-from touch_policy.world import LATENCY_S, STEP_MS, Outcome, Senses, World, make_senses
+from touch_policy.world import LATENCY_S, STEP_MS, Outcome, Sample, Senses, World, make_senses
 
 __all__ = ["roll_out"]
 
@@ -31,7 +31,7 @@ class _Attempt:
     senses: Senses
     stream: PolicyStream
     targets: Targets | None = None
-    coming: list[tuple[int, str, int, object]] = field(default_factory=list)
+    coming: list[tuple[int, str, int, Sample]] = field(default_factory=list)
 
     def step(self) -> None:
         """Sense, let arrive what is due, and move."""
@@ -82,11 +82,15 @@ def roll_out(
         )
         for number in range(count)
     ]
+    going = attempts
     for now in range(0, _LASTS_MS, STEP_MS):
         if now >= _FIRST_MS and (now - _FIRST_MS) % _EVERY_MS == 0:
-            _answer(policy, attempts, now * _MS)
-        for attempt in attempts:
+            _answer(policy, going, now * _MS)
+        for attempt in going:
             attempt.step()
+        going = [attempt for attempt in going if not attempt.world.is_over]
+        if not going:
+            break
     return [attempt.world.outcome() for attempt in attempts]
 
 

@@ -1,9 +1,9 @@
 """A simulated task in which touch decides: grip a ball, and sort it by its hardness.
 
 A gripper stands open above a ball. It has to go down, close until it presses with a certain force,
-lift the ball, and carry it to the right if it is hard, to the left if it is soft. To the camera all balls
-look the same: it is shown a ball of the mean diameter, whatever the true one is. Where the contact
-begins, how far to close and where to go can be felt only.
+lift the ball, and carry it to the right if it is hard, to the left if it is soft. To the camera all
+balls look the same: it is shown a ball of the mean diameter, whatever the true one is. Where the
+contact begins, how far to close and where to go can be felt only.
 
 The ball and the gel are springs in series. A soft ball flattens by `give` times as much as it
 presses into the gel, so its imprint is wider than that of a hard one under the same force.
@@ -32,6 +32,7 @@ __all__ = [
     "TARGET_M",
     "Ball",
     "Outcome",
+    "Sample",
     "Senses",
     "World",
     "make_ball",
@@ -58,10 +59,15 @@ ABOVE_M = 0.04
 _DIAMETER_M, _SPREAD_M = 0.024, 0.004
 _HARD, _SOFT = (0.0, 0.3), (0.9, 1.5)  # give: flattening per indentation of the gel
 _LOW_M, _HIGH_M = 0.5 * TARGET_M, 1.5 * TARGET_M  # dropped below, crushed above
+_REACHED_M = 0.6 * BIN_M
 _DOWN = (1.0, 0.0, 0.0, 0.0)
 _BESIDE_M = np.array([0.012, 0.012, 0.006])  # that near, the fingers close on the ball
 _QUALITY = 95
 _SPEED_M_S, _CLOSING_M_S = 0.3, 0.03
+
+
+Sample = bytes | np.ndarray | float
+"""A JPEG file, a pose (7,), or a width in metres."""
 
 
 @dataclass(frozen=True)
@@ -117,9 +123,9 @@ class Outcome:
     """How an attempt ended."""
 
     gripped: bool
-    """Held at the end, and never pressed too hard."""
+    """The ball was held at the end, and not crushed."""
     sorted: bool
-    """The gripper ended over the right bin, with or without the ball."""
+    """The gripper came to the right bin, with or without the ball."""
 
     @property
     def success(self) -> bool:
@@ -142,8 +148,7 @@ class World:
         self.time_ms = 0
         self.place = np.array([ball.x_m, 0.0, BALL_HEIGHT_M + ABOVE_M])
         self.width_m = width_m
-        self._deepest_m = 0.0
-        self._is_carried = False
+        self._is_carried = self._is_crushed = False
 
     @property
     def depth_m(self) -> float:
@@ -164,6 +169,11 @@ class World:
     def _ball_place(self) -> np.ndarray:
         return np.array([self.ball.x_m, 0.0, BALL_HEIGHT_M])
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the gripper has reached a bin, or crushed the ball."""
+        return self._is_crushed or abs(float(self.place[0])) > _REACHED_M
+
     def step(self, place: npt.ArrayLike, width_m: float) -> None:
         """Move towards a place (3,) and a width for `STEP_MS`."""
         seconds = STEP_MS / 1e3
@@ -171,19 +181,16 @@ class World:
         length = float(np.linalg.norm(way))
         most = _CLOSING_M_S * seconds
         self.width_m += float(np.clip(width_m - self.width_m, -most, most))
-        self.width_m = float(np.clip(self.width_m, 0.0, 0.06))
         # A ball that is pressed enough comes with the gripper, until it is not.
         self._is_carried = self.depth_m >= _LOW_M
+        self._is_crushed |= self.depth_m > _HIGH_M
         self.place = self.place + way * min(1.0, _SPEED_M_S * seconds / max(length, 1e-12))
-        self._deepest_m = max(self._deepest_m, self.depth_m)
         self.time_ms += STEP_MS
 
     def outcome(self) -> Outcome:
         """Return how it went so far."""
         x = float(self.place[0]) * (1 if self.ball.is_hard else -1)
-        lifted = self.place[2] > BALL_HEIGHT_M + _BESIDE_M[2]
-        held = bool(self._is_carried and lifted and self._deepest_m <= _HIGH_M)
-        return Outcome(held, x > 0.6 * BIN_M)
+        return Outcome(self._is_carried and not self._is_crushed, x > _REACHED_M)
 
     def ball_pose(self) -> np.ndarray:
         """Return where the ball is seen, (7,) float64."""
@@ -199,9 +206,9 @@ class Senses:
     camera: WristCamera
     ball: Mesh
 
-    def due(self, world: World) -> dict[str, bytes | np.ndarray | float]:
+    def due(self, world: World) -> dict[str, Sample]:
         """Return the samples that the sensors take now; frames are JPEG files."""
-        made: dict[str, Callable[[], bytes | np.ndarray | float]] = {
+        made: dict[str, Callable[[], Sample]] = {
             "rgb": lambda: jpeg.encode(self.rgb(world), _QUALITY),
             "tactile_left": lambda: jpeg.encode(self.tactile(world), _QUALITY),
             "pose": lambda: world.pose,
