@@ -48,7 +48,7 @@ from touch_policy.world import (
     make_senses,
 )
 
-__all__ = ["start", "write_demonstrations", "write_play"]
+__all__ = ["demonstrate", "start", "write_demonstrations", "write_play"]
 
 _NAMESPACE = uuid.UUID("0f3b0f0e-6a55-5b8e-9a53-1c1f9a2f7c11")
 _SALIENT = 10
@@ -81,7 +81,7 @@ def write_play(root: Path, count: int, seed: int) -> exumi_data.Dataset:
     return _write(root, "play", count, seed)
 
 
-def _demonstrate(world: World, rng: np.random.Generator) -> Iterator[Target]:
+def demonstrate(world: World, rng: np.random.Generator) -> Iterator[Target]:
     """Yield targets until the ball is in its bin: go down, close, wait, lift, carry."""
     seconds = STEP_MS / 1e3
     top, width = world.place.copy(), world.width_m
@@ -137,7 +137,7 @@ def _write(root: Path, regime: Regime, count: int, seed: int) -> exumi_data.Data
         key = f"{regime} {seed} {number}"
         rng = np.random.default_rng([seed, number, regime == "play"])
         world = start(rng, play=regime == "play")
-        targets = _play(world, rng) if regime == "play" else _demonstrate(world, rng)
+        targets = _play(world, rng) if regime == "play" else demonstrate(world, rng)
         metadata = _metadata(world, regime, key, made_with)
         with EpisodeWriter(root / episode_path(metadata.id), metadata, durable=False) as writer:
             _record(writer, senses, world, targets)

@@ -207,7 +207,7 @@ def train_byol(play: exumi_data.Dataset, steps: int, seed: int) -> FrozenEncoder
 
     done = 0
     while done < steps:
-        for batch in views.loader(_BATCH, drop_last=True):
+        for batch in views.loader(min(_BATCH, len(views)), drop_last=True):
             one, other = view(batch), view(batch)
             loss = torch.zeros(())
             for here, there in ((one, other), (other, one)):

@@ -24,7 +24,7 @@ from touch_policy.policy import DiffusionPolicy, train_policy
 from touch_policy.rollouts import roll_out
 from touch_policy.world import LATENCY_S, Outcome
 
-__all__ = ["VARIANTS", "Data", "Sizes", "Variant", "make_data", "run", "wilson"]
+__all__ = ["VARIANTS", "Data", "Sizes", "Variant", "make_data", "open_windows", "run", "wilson"]
 
 Variant = Literal["vision", "direct", "byol", "tpp"]
 VARIANTS: tuple[Variant, ...] = get_args(Variant)
@@ -71,6 +71,18 @@ def make_data(folder: Path, sizes: Sizes, seed: int = 0) -> Data:
     return Data(**made)
 
 
+def open_windows(demonstrations: exumi_data.Dataset) -> PolicyWindows:
+    """Open what a policy is trained on: two observations, and eight actions over 0.8 s."""
+    return PolicyWindows(
+        demonstrations,
+        latency_s=LATENCY_S,
+        observation_steps=2,
+        action_steps=8,
+        tick_s=0.1,
+        action="absolute",  # the bins are places in the world
+    )
+
+
 def run(
     variant: Variant, data: Data, sizes: Sizes, seed: int, weights: Path | None = None
 ) -> list[Outcome]:
@@ -87,14 +99,7 @@ def run(
     weights : Path, optional
         Of ``train_tpp.py``, in place of training an encoder (``tpp``).
     """
-    windows = PolicyWindows(
-        data.demonstrations,
-        latency_s=LATENCY_S,
-        observation_steps=2,
-        action_steps=8,
-        tick_s=0.1,
-        action="absolute",  # the bins are places in the world
-    )
+    windows = open_windows(data.demonstrations)
     normaliser = Normaliser.fit(windows, any_split=True)  # what is tested on are new balls
     touch = _encoder(variant, data.play, sizes.encoder_steps, seed, weights)
     torch.manual_seed(seed)
