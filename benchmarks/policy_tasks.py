@@ -87,15 +87,16 @@ def main() -> None:
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=VARIANTS)
     parser.add_argument("--steps", type=int, default=Sizes.steps)
     parser.add_argument("--attempts", type=int, default=Sizes.attempts)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     machine = describe_machine(("exumi-data", "numpy", "torch"))
     sizes = replace(Sizes(), steps=arguments.steps, attempts=arguments.attempts)
-    runs: dict[Variant, list[dict[str, Any]]] = {variant: [] for variant in VARIANTS}
+    runs: dict[Variant, list[dict[str, Any]]] = {variant: [] for variant in arguments.variants}
     for seed in range(arguments.seeds):
-        for variant in VARIANTS:
+        for variant in arguments.variants:
             runs[variant].append(one_run(arguments.work, variant, sizes, seed))
     results: dict[str, Any] = {variant: summary(found) for variant, found in runs.items()}
     seconds = {variant: [one["seconds"][0] for one in found] for variant, found in runs.items()}

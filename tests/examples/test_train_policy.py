@@ -136,8 +136,8 @@ def test_frozen_encoders_come_from_play(data: Data, train: Any) -> None:
     torch.testing.assert_close(again, features)  # a function of the seed
 
 
-def test_the_example(folder: Path, data: Data) -> None:
-    assert data  # written already
+@pytest.mark.usefixtures("data")  # written already
+def test_the_example(folder: Path) -> None:
     done = run(folder, "--variant", "tpp")
     assert done.returncode == 0, done.stderr
     assert "success" in done.stdout
