@@ -19,12 +19,15 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from measuring import describe_machine, report
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 sys.path.insert(0, str(EXAMPLES))
 
+from touch_policy.demonstrations import demonstrate  # noqa: E402
 from touch_policy.variants import VARIANTS, Sizes, Variant, make_data, run, wilson  # noqa: E402  # it lies there
+from touch_policy.world import TARGET_M, Ball, World, make_senses  # noqa: E402
 
 ASKED = ("success", "gripped", "sorted")
 
@@ -79,18 +82,45 @@ def table(results: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def draw(file: Path) -> None:
+    """Draw a hard and a soft ball as they are gripped: what is seen above, what is felt below."""
+    import cv2
+
+    senses = make_senses()
+    rows = []
+    for give in (0.1, 1.2):
+        world = World(Ball(0.024, give, 0.001, 0.0015, 0.0), 0.034)
+        shots = [(0.0, senses.rgb(world), senses.tactile(world))]
+        for place, width_m in demonstrate(world, np.random.default_rng(1)):
+            world.step(place, width_m)
+            if world.depth_m > shots[-1][0] + TARGET_M / 3:
+                shots.append((world.depth_m, senses.rgb(world), senses.tactile(world)))
+        shots.append((world.depth_m, senses.rgb(world), senses.tactile(world)))
+        rows += [[seen for _, seen, _ in shots], [felt for _, _, felt in shots]]
+    size = (96, 96)
+    large = [
+        [cv2.resize(one, size, interpolation=cv2.INTER_NEAREST) for one in row] for row in rows
+    ]
+    picture = np.vstack([np.hstack(row) for row in large])
+    cv2.imwrite(str(file), picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
 def main() -> None:
     """Run the comparison."""
     import torch
 
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--work", type=Path, required=True)
+    parser.add_argument("--work", type=Path, default=Path("policy-tasks"))
     parser.add_argument("--json", type=Path)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=VARIANTS)
     parser.add_argument("--steps", type=int, default=Sizes.steps)
     parser.add_argument("--attempts", type=int, default=Sizes.attempts)
+    parser.add_argument("--picture", type=Path, help="draw what is seen and felt, and end")
     arguments = parser.parse_args()
+    if arguments.picture is not None:
+        draw(arguments.picture)
+        return
     torch.set_num_threads(1)
     machine = describe_machine(("exumi-data", "numpy", "torch"))
     sizes = replace(Sizes(), steps=arguments.steps, attempts=arguments.attempts)
