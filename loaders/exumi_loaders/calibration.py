@@ -25,8 +25,9 @@ def calibration_items(metadata: EpisodeMetadata, stream: str) -> list[str]:
     metadata : EpisodeMetadata
     stream : str
         Of a pose stream these are the item that leads from ``raw`` to ``data`` and the one with
-        the name of its child frame; of any other stream those whose name begins or ends with the
-        stream's, such as ``rgb_intrinsics`` and ``T_gripper_rgb``.
+        the name of its child frame. Of any other stream they are those named ``<what>/<stream>``,
+        such as ``intrinsics/rgb`` (the standard's own items), and those that begin or end with the
+        stream's name, such as ``T_gripper_rgb`` and ``width_encoder``.
 
     Returns
     -------
@@ -37,14 +38,19 @@ def calibration_items(metadata: EpisodeMetadata, stream: str) -> list[str]:
     if isinstance(model, PoseStream):
         wanted = {model.frames.child, model.raw.transform if model.raw else None}
         return sorted(name for name in metadata.calibration if name in wanted)
-    others = [name for name in metadata.streams if name.startswith(f"{stream}_")]
+    others = tuple(name for name in metadata.streams if name.startswith(f"{stream}_"))
     return sorted(
         name
         for name in metadata.calibration
-        if not name.startswith(_OWN_REFERENCE)
-        and (name.startswith(f"{stream}_") or name.endswith(f"_{stream}"))
-        and not name.startswith(tuple(others))
+        if _is_of(name, stream) and not name.startswith(others)
     )
+
+
+def _is_of(name: str, stream: str) -> bool:
+    """Return whether a calibration item is of a stream, by its name."""
+    if "/" in name:  # the stream's whole name: intrinsics/left_rgb is not of rgb
+        return name.partition("/")[2] == stream and not name.startswith(_OWN_REFERENCE)
+    return name.startswith(f"{stream}_") or name.endswith(f"_{stream}")
 
 
 def calibration_digest(rig: Episode | EpisodeMetadata, stream: str) -> str:

@@ -206,8 +206,8 @@ def test_the_same_tool_measured_twice_is_for_the_user_to_say(
     make_dataset: Any, recipe: Any
 ) -> None:
     dataset = make_dataset(
-        full(recipe, calibration={"tcp": 1, "rgb_intrinsics": 1}),
-        full(recipe, calibration={"tcp": 2, "rgb_intrinsics": 2}),
+        full(recipe, calibration={"tcp": 1, "intrinsics/rgb": 1}),
+        full(recipe, calibration={"tcp": 2, "intrinsics/rgb": 2}),
     )
     windows = open_windows(dataset, same_calibration=False)
     assert len(windows.policy_spec.streams["pose"].calibrations) == 2

@@ -275,7 +275,7 @@ def push_all(stream: PolicyStream, time_ns: int, value: int = 0) -> None:
 
 
 def test_other_rigs_are_refused(make_dataset: Any, recipe: Any) -> None:
-    known = {"tcp": [0, 0, 0.1], "rgb_intrinsics": [1]}
+    known = {"tcp": [0, 0, 0.1], "intrinsics/rgb": [1]}
     dataset = make_dataset(play(recipe, calibration=known), name="trained")
     windows = PolicyWindows(dataset, cache=False)
 
@@ -296,7 +296,7 @@ def test_other_rigs_are_refused(make_dataset: Any, recipe: Any) -> None:
         with rig(**changes) as other, pytest.raises(UsageError, match=message):
             live(windows, other)
         made.append(message)
-    with rig(calibration={"tcp": [0, 0, 0.2], "rgb_intrinsics": [1]}) as other:
+    with rig(calibration={"tcp": [0, 0, 0.2], "intrinsics/rgb": [1]}) as other:
         live(windows, other, accept=("pose",))
     with rig(parents={"pose": "table"}) as other:
         made.append("absolute")
