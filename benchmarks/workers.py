@@ -103,12 +103,12 @@ def _warm(paths: list[str]) -> None:
 
 
 def _decode(paths: list[str]) -> int:
-    import exumi_data
+    from exumi_data.episode import open_episode
     from exumi_data.store import jpeg
 
     count = 0
     for path in paths:
-        with exumi_data.open_episode(path) as episode:
+        with open_episode(path) as episode:
             for stream in episode:
                 images = getattr(episode[stream].metadata, "images", None)
                 if images is None or images.encoding != "encoded":
