@@ -132,6 +132,8 @@ def _catalog(draft: Draft, random: Random) -> str:
         table = pq.read_table(io.BytesIO(draft.data(CATALOG)))
     except (pa.ArrowException, OSError):
         return _bytes(draft, random)
+    if not table.column_names:  # all were dropped before
+        return _bytes(draft, random)
     column = random.choice(table.column_names)
     place = table.column_names.index(column)
     way = random.randrange(7)
