@@ -44,7 +44,7 @@ class Settings:
     frame_width: int = 128
     side: int = 32
     ratio: tuple[int, int] = (3, 1)
-    steps: int = 400
+    steps: int = 1000
     batch_size: int = 32
     held_out_stride: int = 8
     draws: int = 4
