@@ -126,7 +126,7 @@ def _files(draft: Draft, random: Random) -> str:
 
 
 def _catalog(draft: Draft, random: Random) -> str:
-    if CATALOG not in draft.files:
+    if not isinstance(draft.files.get(CATALOG), bytes):  # none, or a link or a pipe by now
         return _json(draft, random)
     try:
         table = pq.read_table(io.BytesIO(draft.data(CATALOG)))
