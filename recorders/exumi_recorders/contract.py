@@ -221,7 +221,7 @@ class Health:
 
 
 class Driver(Protocol):
-    """A device that can be recorded. One thread opens, reads and closes it; any may ask `health`."""
+    """A device to record. One thread opens, reads and closes it; any may ask `health`."""
 
     @property
     def ports(self) -> tuple[Port, ...]:
