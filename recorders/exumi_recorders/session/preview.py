@@ -88,8 +88,9 @@ class Preview:
                 f"the preview cannot use {address[0]}:{address[1]} ({error.strerror})",
                 fix="Name another one with --preview HOST:PORT.",
             ) from None
-        host, port = self._server.server_address[:2]
-        self.url = f"http://[{host}]:{port}/" if ":" in str(host) else f"http://{host}:{port}/"
+        host = f"[{address[0]}]" if ":" in address[0] else address[0]
+        self.url = f"http://{host}:{self._server.server_port}/"
+        self._host = address[0]
         self._thread = threading.Thread(
             target=self._server.serve_forever, name="preview", daemon=True
         )
@@ -97,11 +98,10 @@ class Preview:
     @property
     def is_public(self) -> bool:
         """Whether other machines can look."""
-        host = str(self._server.server_address[0])
         try:
-            return not ipaddress.ip_address(host).is_loopback
+            return not ipaddress.ip_address(self._host).is_loopback
         except ValueError:
-            return True
+            return self._host != "localhost"
 
     def __enter__(self) -> Self:
         self._thread.start()
