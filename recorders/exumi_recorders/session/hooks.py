@@ -1,7 +1,9 @@
 """Beeps and LEDs: programs that are started when something happens, and never waited for."""
 
 import subprocess
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 
 from exumi_recorders.rig.model import Hooks
 
@@ -11,6 +13,7 @@ Hook = str
 """``ready``, ``start``, ``stop``, ``discard`` or ``problem``."""
 
 _MOST_RUNNING = 8
+_LAST_MOMENT_S = 2.0
 
 
 class HookRunner:
@@ -51,6 +54,13 @@ class HookRunner:
             return False
         self._running.append(process)
         return True
+
+    def close(self) -> None:
+        """Give programs that still run a moment; those that take longer go on by themselves."""
+        end = time.monotonic() + _LAST_MOMENT_S
+        for process in self._running:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(max(0.0, end - time.monotonic()))
 
     @property
     def problems(self) -> tuple[str, ...]:

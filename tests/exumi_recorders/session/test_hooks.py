@@ -10,7 +10,7 @@ from exumi_recorders.session.hooks import HookRunner
 
 def test_a_program_is_started_and_not_waited_for(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
-    code = f"import pathlib, time; pathlib.Path({str(mark)!r}).touch(); time.sleep(2)"
+    code = f"import pathlib, time; pathlib.Path({str(mark)!r}).touch(); time.sleep(1)"
     runner = HookRunner(Hooks(start=[sys.executable, "-c", code]))
     began = time.monotonic()
     assert runner.run("start")
@@ -18,6 +18,8 @@ def test_a_program_is_started_and_not_waited_for(tmp_path: Path) -> None:
     while not mark.exists():
         assert time.monotonic() - began < 20
         time.sleep(0.02)
+    runner.close()
+    assert time.monotonic() - began > 1
 
 
 def test_no_program() -> None:
