@@ -22,7 +22,7 @@ from exumi_data.model.documents import (
 )
 from exumi_data.model.episode import DerivedItem, DerivedMetadata, EpisodeMetadata
 from exumi_data.model.images import ArrayImages, EncodedImages, VideoImages
-from exumi_data.model.streams import Stream
+from exumi_data.model.streams import AudioStream, Stream
 from exumi_data.standard import derived_name_fault
 from exumi_data.store.files import (
     claim_folder,
@@ -34,6 +34,7 @@ from exumi_data.store.images import MAX_FRAME_BYTES
 from exumi_data.store.shards import ArrayWriter
 from exumi_data.store.stream_copy import CopiedStream, copy_files
 from exumi_data.store.stream_writer import (
+    AudioStreamWriter,
     DataStreamWriter,
     EncodedStreamWriter,
     StreamWriter,
@@ -304,6 +305,8 @@ class EpisodeWriter:
             return EncodedStreamWriter(folder, name, model)
         if isinstance(images, VideoImages):
             return VideoStreamWriter(folder, name, model)
+        if isinstance(model, AudioStream):
+            return AudioStreamWriter(folder, name, model)
         assert images is None or isinstance(images, ArrayImages)  # noqa: S101  # the union is closed
         return DataStreamWriter(folder, name, model)
 

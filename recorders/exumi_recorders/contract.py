@@ -131,6 +131,10 @@ class Port:
     sensor : Sensor, optional
     valid : tuple of tuple of bool, optional
         Of taxels: which cells are alive, by row.
+    lossy : str, optional
+        What the driver itself had to lose, such as ``YUYV to JPEG 4:2:2 of quality 95``: it is
+        listed among the lossy steps of the episode's source. None where the payload is what the
+        device sent.
     metadata : mapping
         Other fields of the stream's metadata (`exumi_data.model`): `frames`, `raw`, `grid`,
         `components`, `unit` ...
@@ -147,6 +151,7 @@ class Port:
     time_device_unit: str | None = None
     sensor: Sensor | None = None
     valid: tuple[tuple[bool, ...], ...] | None = None
+    lossy: str | None = None
     metadata: Mapping[str, Any] = field(default_factory=lambda: _NOTHING)
 
 
