@@ -211,6 +211,8 @@ class Health:
     lost : mapping of str to int
         Samples known to be lost or refused since the device was opened, by cause: ``kernel``,
         ``sequence``, ``late``, ``crc``, ``rejected`` ... They reach the episode as differences.
+        Of a device with several ports, a cause is counted at the first one that is recorded, but
+        for a cause that is named ``<port>/<cause>``.
     readings : mapping
         What the operator may want to see: ``agc``, ``magnitude``, ``magnet``, ``exposure`` ...
     problems : tuple of str

@@ -21,7 +21,8 @@ from exumi_data.store.plain_files import read_plain
 from exumi_recorders.finalise.clocks import epoch_of
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.events import EventSummary, read_events
-from exumi_recorders.finalise.streams import finish_stream, payload_bytes_of
+from exumi_recorders.finalise.rows import payload_bytes_of
+from exumi_recorders.finalise.streams import finish_stream
 from exumi_recorders.finalise.verify import verify
 from exumi_recorders.journal.header import (
     CLOCK_LOG,

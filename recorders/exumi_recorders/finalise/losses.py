@@ -16,6 +16,7 @@ KNOWN_FLAGS = sum(FLAG.values())
 MOST_GAPS = 4000
 """Gaps of one stream that are listed: a document cannot hold any number. Others are flagged."""
 _UNREADABLE = "a file that is no image of the stream"
+_FARTHEST_LATE = 1000  # a number that is farther behind is not late: the device counts anew
 _LATE = 64  # how many gaps a sample that comes late can lie behind
 
 
@@ -152,8 +153,9 @@ class Losses:
             return
         last, highest = self._last, self._highest
         for index, (by, anew) in enumerate(zip(step.tolist(), restarted.tolist(), strict=True)):
-            # Opened anew, a device counts from where it likes.
-            number = highest + 1 if anew else max(last + by, 0)
+            # Opened or started anew, a device counts from where it likes.
+            restarted[index] = anew or (self.modulus is None and by < -_FARTHEST_LATE)
+            number = highest + 1 if restarted[index] else max(last + by, 0)
             if number <= last:
                 flags[index] |= FLAG["out_of_order"]
             if number > highest:
@@ -187,7 +189,7 @@ class Losses:
         if not lost and not unknown:
             return
         if restarted:
-            reason = "the device was gone"
+            reason = "the device was gone, or began anew"
         elif damaged:
             reason = "a part of the journal is damaged"
         elif here:

@@ -3,7 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from exumi_data.geometry import make_sign_continuous, relative
+from exumi_data.geometry import make_sign_continuous
+from exumi_recorders.world_frame import from_headset_world
 
 __all__ = ["IDENTITY", "PoseSigns", "to_world"]
 
@@ -17,7 +18,7 @@ def to_world(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
     """Express poses of a left-handed, Y-up space in the world that was marked in it.
 
-    With Q swapping y and z, ``p = Q R_WF^T (p_raw - p_WF)`` and ``R = Q R_WF^T R_raw Q^T``.
+    As `exumi_recorders.world_frame`, but poses that are none do no harm.
 
     Parameters
     ----------
@@ -39,10 +40,7 @@ def to_world(
     valid = np.isfinite(given).all(axis=1) & (norm > _SMALLEST) & np.isfinite(norm)
     out = np.full(given.shape, np.nan)
     if valid.any():
-        # Handedness plays no part in the algebra of quaternions: only Q changes it.
-        inside = relative(np.asarray(world_frame, np.float64), given[valid])
-        x, y, z, qx, qy, qz, qw = inside.T
-        out[valid] = np.stack([x, z, y, -qx, -qz, -qy, qw], axis=1)
+        out[valid] = from_headset_world(given[valid], world_frame)
     return out, valid
 
 

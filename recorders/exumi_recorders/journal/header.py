@@ -92,7 +92,7 @@ class BlocksDocument(Model):
     """See `Blocks`."""
 
     form: Literal["blocks"]
-    channels: Annotated[int, Field(ge=1, le=1024)]
+    channels: Annotated[int, Field(ge=1, le=64)]
     rate: Rational
 
 
@@ -110,6 +110,7 @@ class PortDocument(Model):
     time_device_unit: str | None = None
     sensor: Sensor | None = None
     valid: list[list[bool]] | None = None
+    lossy: str | None = None
     metadata: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -212,6 +213,7 @@ def port_document(port: Port) -> PortDocument:
         "time_device_unit": port.time_device_unit,
         "sensor": None if port.sensor is None else dump(port.sensor),
         "valid": port.valid,
+        "lossy": port.lossy,
         "metadata": {key: _plain(value) for key, value in port.metadata.items()},
     }
     given = {key: value for key, value in fields.items() if value is not None}
@@ -274,5 +276,6 @@ def port_of(document: PortDocument) -> Port:
         time_device_unit=document.time_device_unit,
         sensor=document.sensor,
         valid=None if document.valid is None else tuple(map(tuple, document.valid)),
+        lossy=document.lossy,
         metadata=document.metadata,
     )

@@ -71,25 +71,23 @@ def bytes_per_second(ports: Iterable[Port]) -> float:
     ----------
     ports : iterable of Port
     """
-    return sum(_rate(port) * (HEADER_BYTES + _payload_bytes(port)) for port in ports)
+    return sum(map(_bytes_per_second, ports))
 
 
-def _rate(port: Port) -> float:
+def _bytes_per_second(port: Port) -> float:
+    rate = _USUAL_RATE if port.nominal_rate is None else float(parse_rate(port.nominal_rate))
     if isinstance(port.payload, Blocks):
-        return float(parse_rate(port.payload.rate))
-    return _USUAL_RATE if port.nominal_rate is None else float(parse_rate(port.nominal_rate))
+        return rate * HEADER_BYTES + 2.0 * port.payload.channels * float(
+            parse_rate(port.payload.rate)
+        )
+    return rate * (HEADER_BYTES + _payload_bytes(port.payload))
 
 
-def _payload_bytes(port: Port) -> float:
-    payload = port.payload
+def _payload_bytes(payload: Files | Rows) -> float:
     if isinstance(payload, Files):
         return payload.height * payload.width * _JPEG_BYTES_PER_PIXEL
-    if isinstance(payload, Rows):
-        sizes = (
-            np.dtype(dtype).itemsize * np.prod(shape) for dtype, shape in payload.arrays.values()
-        )
-        return float(sum(sizes))
-    return 2.0 * payload.channels
+    arrays = payload.arrays.values()
+    return float(sum(np.dtype(dtype).itemsize * np.prod(shape) for dtype, shape in arrays))
 
 
 def seconds_left(folder: Path, ports: Iterable[Port], limits: SpaceLimits) -> float:

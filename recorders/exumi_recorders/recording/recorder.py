@@ -13,7 +13,7 @@ from exumi_data.errors import UsageError
 from exumi_data.model.episode import EpisodeMetadata
 from exumi_recorders.contract import DeviceError, Event, Health, Sample
 from exumi_recorders.finalise.clocks import utc_text
-from exumi_recorders.finalise.streams import payload_bytes_of
+from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.journal.flusher import OnFlushed
 from exumi_recorders.journal.header import (
     JournalHeader,
