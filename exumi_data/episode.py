@@ -41,7 +41,8 @@ class StreamView:
     Attributes
     ----------
     kind : str
-        ``tactile``, ``rgb``, ``pose``, ``width``, ``wrench``, ``taxels`` or ``vendor:name``.
+        ``tactile``, ``rgb``, ``pose``, ``width``, ``wrench``, ``taxels``, ``audio`` or
+        ``vendor:name``.
     """
 
     def __init__(self, episode: "Episode", name: str, metadata: StreamModel) -> None:
@@ -131,6 +132,38 @@ class StreamView:
     def raw(self) -> np.ndarray | None:
         """The device's own values, or None."""
         return self._optional("raw")
+
+    def samples(self, start: int, stop: int) -> np.ndarray:
+        """Return a part of a stream's sound; nothing else is read.
+
+        Parameters
+        ----------
+        start, stop : int
+            From sample `start` to before sample `stop`, as ``offset`` counts them: block *i* of the
+            stream is from ``array("offset")[i]`` to ``array("offset")[i + 1]``.
+
+        Returns
+        -------
+        (stop - start, channels) int16
+
+        Raises
+        ------
+        UsageError
+            The stream is no sound, or has no such samples.
+        """
+        from exumi_data.store.shards import open_array  # keeps the import light
+
+        if self.kind != "audio":
+            raise UsageError(
+                f"stream {self.name!r} is of kind {self.kind}, not audio", where=self._episode.path
+            )
+        array = open_array(self._episode.store, f"{self._path}/data")
+        if not 0 <= start <= stop <= array.shape[0]:
+            raise UsageError(
+                f"samples {start} to {stop} of {array.shape[0]}",
+                where=f"{self._episode.path}/{self._path}",
+            )
+        return array.rows(start, stop)
 
     @property
     def is_image(self) -> bool:

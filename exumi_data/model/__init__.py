@@ -29,6 +29,7 @@ from exumi_data.model.episode import (
 )
 from exumi_data.model.images import ArrayImages, EncodedImages, Images, VideoFile, VideoImages
 from exumi_data.model.streams import (
+    AudioStream,
     ExtensionStream,
     Frames,
     PoseStream,
@@ -51,6 +52,7 @@ __all__ = [
     "UNKNOWN_LICENCE",
     "Annotations",
     "ArrayImages",
+    "AudioStream",
     "CalibrationItem",
     "Clock",
     "DatasetMetadata",

@@ -168,7 +168,7 @@ def json_path(location: tuple[int | str, ...]) -> str:
     return path
 
 
-_TAGS = {"rgb", "tactile", "pose", "width", "wrench", "taxels", "extension"}
+_TAGS = {"rgb", "tactile", "pose", "width", "wrench", "taxels", "audio", "extension"}
 _ENCODINGS = {"array", "encoded", "video"}
 
 

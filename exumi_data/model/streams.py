@@ -16,6 +16,7 @@ from exumi_data.model.clock import Clock, Gap
 from exumi_data.model.images import ArrayImages, EncodedImages, Images, VideoImages
 
 __all__ = [
+    "AudioStream",
     "ExtensionStream",
     "Frames",
     "PoseStream",
@@ -150,6 +151,15 @@ class TaxelsStream(StreamModel):
     """Position of each cell, row by row, x y (z), metres."""
 
 
+class AudioStream(StreamModel):
+    """Sound in blocks, 16 bits: what counts samples of a stream counts its blocks."""
+
+    kind: Literal["audio"]
+    rate: Rational
+    """Rows of ``data`` a second, as the maker states it."""
+    channels: Annotated[int, Field(ge=1, le=64)]
+
+
 class ExtensionStream(StreamModel):
     """A kind of a third party: reads generically."""
 
@@ -170,6 +180,7 @@ Stream = Annotated[
     | Annotated[WidthStream, Tag("width")]
     | Annotated[WrenchStream, Tag("wrench")]
     | Annotated[TaxelsStream, Tag("taxels")]
+    | Annotated[AudioStream, Tag("audio")]
     | Annotated[ExtensionStream, Tag("extension")],
     Discriminator(
         _branch,

@@ -43,8 +43,9 @@ class ArraySpec:
     dtype : tuple of str
         The data types it may have, by their Zarr names.
     shape : tuple of int or str
-        A size, or a word for one: ``N`` samples, ``N+1``, ``F+1``, ``B`` bytes, ``K`` any number,
-        a field of the stream's metadata (``height`` ... ``columns``), or ``...``.
+        A size, or a word for one: ``N`` samples, ``N+1``, ``F+1``, ``B`` bytes, ``S`` sound
+        samples, ``K`` any number, a field of the stream's metadata (``height`` ... ``columns``),
+        or ``...``.
     dimensions : tuple of str
         Names of the first axes.
     unit : str or None

@@ -4,7 +4,7 @@ import os
 import re
 import shutil
 import weakref
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -22,7 +22,7 @@ from exumi_data.model.documents import (
 )
 from exumi_data.model.episode import DerivedItem, DerivedMetadata, EpisodeMetadata
 from exumi_data.model.images import ArrayImages, EncodedImages, VideoImages
-from exumi_data.model.streams import Stream
+from exumi_data.model.streams import AudioStream, Stream
 from exumi_data.standard import derived_name_fault
 from exumi_data.store.files import (
     claim_folder,
@@ -34,6 +34,7 @@ from exumi_data.store.images import MAX_FRAME_BYTES
 from exumi_data.store.shards import ArrayWriter
 from exumi_data.store.stream_copy import CopiedStream, copy_files
 from exumi_data.store.stream_writer import (
+    AudioStreamWriter,
     DataStreamWriter,
     EncodedStreamWriter,
     StreamWriter,
@@ -66,6 +67,9 @@ class EpisodeWriter:
         Make every file survive a power loss before the final name appears. ``"filesystem"`` asks
         for all that is pending on the file system at once: much faster where many episodes are
         written, but not while something else is being recorded there.
+    before_rename : callable, optional
+        Called with the folder of the complete episode before it gets its final name, such as to
+        read it back. What it raises gives the episode up.
 
     Attributes
     ----------
@@ -94,6 +98,7 @@ class EpisodeWriter:
         *,
         overwrite: bool = False,
         durable: bool | Literal["filesystem"] = True,
+        before_rename: Callable[[Path], None] | None = None,
     ) -> None:
         self.path = Path(path)
         if not self.path.name.endswith(".zarr"):
@@ -106,6 +111,7 @@ class EpisodeWriter:
         self.derived = DerivedMetadata(items={})
         self._overwrite = overwrite
         self._durable = durable
+        self._before_rename = before_rename
         self._streams: dict[str, StreamWriter | CopiedStream] = {}
         self._derived: dict[str, tuple[np.ndarray, DerivedItem]] = {}
         self._partial = self.path.with_name(f".partial-{metadata.id}")
@@ -299,6 +305,8 @@ class EpisodeWriter:
             return EncodedStreamWriter(folder, name, model)
         if isinstance(images, VideoImages):
             return VideoStreamWriter(folder, name, model)
+        if isinstance(model, AudioStream):
+            return AudioStreamWriter(folder, name, model)
         assert images is None or isinstance(images, ArrayImages)  # noqa: S101  # the union is closed
         return DataStreamWriter(folder, name, model)
 
@@ -389,6 +397,8 @@ class EpisodeWriter:
             self._durable == "filesystem" and sync_file_system(self._partial)
         ):
             sync_tree(self._partial)
+        if self._before_rename is not None:
+            self._before_rename(self._partial)
         if self.path.exists() and not self._overwrite:
             raise EpisodeExistsError("was written by another process meanwhile", where=self.path)
         replace_folder(self._partial, self.path)

@@ -13,6 +13,7 @@ from exumi_data.errors import DamagedDataError, UsageError
 from exumi_data.model.documents import group_document
 from exumi_data.model.images import ArrayImages, EncodedImages, VideoFile, VideoImages
 from exumi_data.model.streams import (
+    AudioStream,
     PoseStream,
     Reference,
     RgbStream,
@@ -26,7 +27,13 @@ from exumi_data.store import jpeg
 from exumi_data.store.shards import ArrayWriter, Bytes, crc32c
 from exumi_data.time import NS_PER_S, apply_clock
 
-__all__ = ["DataStreamWriter", "EncodedStreamWriter", "StreamWriter", "VideoStreamWriter"]
+__all__ = [
+    "AudioStreamWriter",
+    "DataStreamWriter",
+    "EncodedStreamWriter",
+    "StreamWriter",
+    "VideoStreamWriter",
+]
 
 _LOW_DIM_ROWS = 8192
 _BYTE_CHUNK = 64 << 10
@@ -478,6 +485,77 @@ class EncodedStreamWriter(StreamWriter):
                 f"frame {index} is {size} (height, width, channels), expected {expected}",
                 where=self.name,
             )
+
+
+class AudioStreamWriter(StreamWriter):
+    """Sound: blocks end to end, each with the time of its first sample."""
+
+    def __init__(self, folder: Path, name: str, model: AudioStream) -> None:
+        super().__init__(folder, name, model)
+        self._channels = model.channels
+        self._position = 0
+        self._data = self._array("data", np.int16, (model.channels,), ("channel",), axis="sample")
+        self._offset = self._array("offset", np.uint64, axis="edge")
+        self._offset.append(np.zeros(1, np.uint64))
+
+    def append(
+        self,
+        time: Any,
+        blocks: np.ndarray | Sequence[np.ndarray],
+        *,
+        time_host: Any = None,
+        time_device: Any = None,
+        sequence: Any = None,
+        flags: Any = None,
+    ) -> None:
+        """Append one block, or several.
+
+        Parameters
+        ----------
+        time : int or (n,) int64
+            Nanoseconds since the episode's start of each block's first sample, strictly increasing.
+        blocks : (S, channels) int16 or sequence of such
+            None of them empty.
+        time_host, time_device, sequence, flags : int or (n,), optional
+            Of each block; see the standard, section Time.
+
+        Raises
+        ------
+        UsageError
+            A block is no sound of the declared channels, or times do not increase.
+            Nothing was appended.
+        """
+        given = [blocks] if np.ndim(time) == 0 else list(blocks)
+        sound = [self._checked_block(block, self.count + i) for i, block in enumerate(given)]
+        columns = self._checked(
+            time,
+            {
+                "time_host": time_host,
+                "time_device": time_device,
+                "sequence": sequence,
+                "flags": flags,
+            },
+        )
+        if len(sound) != len(columns["time"]):
+            raise UsageError(f"{len(sound)} blocks, {len(columns['time'])} times", where=self.name)
+        ends = self._position + np.cumsum([len(block) for block in sound], dtype=np.uint64)
+        with self._appending(columns):
+            for block in sound:
+                self._data.append(block)
+            self._offset.append(ends)
+        if sound:
+            self._position = int(ends[-1])
+
+    def _checked_block(self, block: Any, index: int) -> np.ndarray:
+        values = np.asarray(block)
+        fits = values.ndim == 2 and values.shape[1] == self._channels and len(values)
+        if values.dtype != np.int16 or not fits:
+            raise UsageError(
+                f"block {index} is {values.shape} {values.dtype}, expected "
+                f"(samples, {self._channels}) int16",
+                where=self.name,
+            )
+        return values
 
 
 class VideoStreamWriter(StreamWriter):

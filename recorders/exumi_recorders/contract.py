@@ -131,6 +131,10 @@ class Port:
     sensor : Sensor, optional
     valid : tuple of tuple of bool, optional
         Of taxels: which cells are alive, by row.
+    lossy : str, optional
+        What the driver itself had to lose, such as ``YUYV to JPEG 4:2:2 of quality 95``: it is
+        listed among the lossy steps of the episode's source. None where the payload is what the
+        device sent.
     metadata : mapping
         Other fields of the stream's metadata (`exumi_data.model`): `frames`, `raw`, `grid`,
         `components`, `unit` ...
@@ -147,6 +151,7 @@ class Port:
     time_device_unit: str | None = None
     sensor: Sensor | None = None
     valid: tuple[tuple[bool, ...], ...] | None = None
+    lossy: str | None = None
     metadata: Mapping[str, Any] = field(default_factory=lambda: _NOTHING)
 
 
@@ -206,6 +211,8 @@ class Health:
     lost : mapping of str to int
         Samples known to be lost or refused since the device was opened, by cause: ``kernel``,
         ``sequence``, ``late``, ``crc``, ``rejected`` ... They reach the episode as differences.
+        Of a device with several ports, a cause is counted at the first one that is recorded, but
+        for a cause that is named ``<port>/<cause>``.
     readings : mapping
         What the operator may want to see: ``agc``, ``magnitude``, ``magnet``, ``exposure`` ...
     problems : tuple of str

@@ -103,7 +103,7 @@ def test_the_corpus_has_the_features_that_the_standard_names() -> None:
     assert len(names) >= 35
     features = {name.partition("__")[0] for name in names}
     assert features >= {
-        "arrays", "calibration", "dataset", "derived", "extension", "images", "packed", "pose",
+        "arrays", "audio", "calibration", "dataset", "derived", "extension", "images", "packed", "pose",
         "source", "streams", "tactile", "taxels", "time", "version", "width", "wrench",
     }  # fmt: skip
     encodings: set[str] = set()
@@ -113,4 +113,13 @@ def test_the_corpus_has_the_features_that_the_standard_names() -> None:
         kinds |= {stream["kind"] for stream in streams}
         encodings |= {stream["images"]["encoding"] for stream in streams if "images" in stream}
     assert encodings == {"array", "encoded", "video"}
-    assert kinds >= {"rgb", "tactile", "pose", "width", "wrench", "taxels", "acme:motor-current"}
+    assert kinds >= {
+        "rgb",
+        "tactile",
+        "pose",
+        "width",
+        "wrench",
+        "taxels",
+        "audio",
+        "acme:motor-current",
+    }

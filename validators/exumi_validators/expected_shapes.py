@@ -12,8 +12,9 @@ _GRID_WORDS = ("rows", "columns")
 def _size(word: str, stream: StreamModel | None) -> int | None:
     """Return the size that a word stands for; None where the data alone says it."""
     if word in _IMAGE_WORDS:
-        images = images_of(stream) if stream else None
-        return None if images is None else int(getattr(images, word))
+        # Sound has channels of its own.
+        found = getattr(images_of(stream) or stream, word, None) if stream else None
+        return None if found is None else int(found)
     if word == "components":
         return len(getattr(stream, "components", ()))
     if word in _GRID_WORDS:

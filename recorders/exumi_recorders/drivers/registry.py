@@ -14,7 +14,15 @@ DRIVERS = "exumi.drivers"
 """The group of the entry points."""
 
 # Each module has a DriverType named DRIVER, or, where one module has several, as after the colon.
-_BUILT_IN: Mapping[str, str] = MappingProxyType({})
+_BUILT_IN: Mapping[str, str] = MappingProxyType(
+    {
+        "9dtact": "exumi_recorders.drivers.camera_profiles:NINE_DTACT",
+        "digit": "exumi_recorders.drivers.camera_profiles:DIGIT",
+        "gelsight-mini": "exumi_recorders.drivers.camera_profiles:GELSIGHT_MINI",
+        "hdmi": "exumi_recorders.drivers.camera_profiles:HDMI",
+        "uvc": "exumi_recorders.drivers.camera_profiles:UVC",
+    }
+)
 
 
 def driver_names() -> list[str]:

@@ -53,6 +53,9 @@ def write_stream(writer: EpisodeWriter, folder: Path, about: dict[str, Any]) -> 
         contents = [(folder / name).read_bytes() for name in about["videos"]]
         index = {name: arrays.pop(name) for name in ("file", "pts", "keyframe")}
         write_videos(stream, videos, contents, index, beside)
+    elif about["kind"] == "audio":
+        blocks = np.split(arrays.pop("data"), arrays.pop("offset")[1:-1].astype(np.int64))
+        stream.append(time, blocks[: len(time)], **beside)
     elif len(time):
         stream.append(time, arrays.pop("data"), **beside)
     else:

@@ -11,6 +11,7 @@ from corpus.draft import Draft, crc32c
 __all__ = [
     "FRAME_NS",
     "SOURCES",
+    "audio",
     "clocked",
     "derived",
     "empty",
@@ -115,6 +116,18 @@ def taxels(**metadata: Any) -> Draft:
     draft.put("streams/taxels/data", values, names=("time", "row", "column"))
     valid = np.array([[True, True], [True, True], [True, False]])
     draft.put("streams/taxels/valid", valid, names=("row", "column"))
+    return draft
+
+
+def audio(**metadata: Any) -> Draft:
+    """Return an episode with sound of two channels, in four blocks of which one is shorter."""
+    draft = Draft(**metadata)
+    draft.stream("sound", "audio", rate="8000", channels=2)
+    edges = np.array([0, 80, 160, 200, 280], dtype=np.uint64)
+    ramp = np.arange(280, dtype=np.int16)
+    draft.put("streams/sound/time", np.array([0, 10, 20, 25]) * 1_000_000)
+    draft.put("streams/sound/data", np.stack((ramp, -ramp), axis=1), names=("sample", "channel"))
+    draft.put("streams/sound/offset", edges, names=("edge",))
     return draft
 
 

@@ -201,6 +201,21 @@ def _value_cases() -> Iterator[Case]:
     yield case("DRV-005__unsorted", "Salient frames out of order.", draft, at)
 
 
+def _sound_cases() -> Iterator[Case]:
+    path = "streams/sound/offset"
+    draft = bases.audio()
+    draft.put(path, np.array([0, 80, 80, 200, 280], dtype=np.uint64), names=("edge",))
+    at = Finding("AUD-001", path, index=2)
+    yield case("AUD-001__empty_block", "A block without samples.", draft, at)
+    draft = bases.audio()
+    draft.put(path, np.array([0, 80, 160, 200, 281], dtype=np.uint64), names=("edge",))
+    yield case("AUD-001__beyond", "A block beyond the sound.", draft, Finding("AUD-001", path))
+    draft = bases.audio()
+    draft.put(path, np.array([80, 100, 160, 200, 280], dtype=np.uint64), names=("edge",))
+    at = Finding("AUD-001", path, index=0)
+    yield case("AUD-001__start", "Sound that belongs to no block.", draft, at)
+
+
 def _frame_cases() -> Iterator[Case]:
     draft = bases.encoded()
     sizes = [len(file) for file in bases.jpegs()]
@@ -269,4 +284,5 @@ def array_cases() -> Iterator[Case]:
     yield from _time_cases()
     yield from _value_cases()
     yield from _finite_cases()
+    yield from _sound_cases()
     yield from _frame_cases()

@@ -61,6 +61,10 @@ def _array_cases() -> Iterator[Case]:
     draft.put("streams/taxels/valid", valid, names=("row", "column"))
     at = Finding("ARR-003", "streams/taxels/valid/zarr.json", "/shape")
     yield case("ARR-003__mask_turned", "A mask lying on its side.", draft, at)
+    draft = bases.audio()
+    draft.metadata["streams"]["sound"]["channels"] = 1
+    at = Finding("ARR-003", "streams/sound/data/zarr.json", "/shape")
+    yield case("ARR-003__two_channels", "Two channels of one.", draft, at)
 
 
 def _document_cases() -> Iterator[Case]:

@@ -75,6 +75,18 @@ def _empty_cases() -> Iterator[Case]:
     yield case("TIME-009__one_after_the_other", "A clock that is a second ahead.", draft, at)
 
 
+def _sound_cases() -> Iterator[Case]:
+    draft = Draft()
+    draft.stream("sound", "audio", rate="2000", channels=1)
+    draft.put("streams/sound/time", bases.times(25))
+    edges = np.arange(26, dtype=np.uint64) * 100
+    draft.put("streams/sound/offset", edges, names=("edge",))
+    sound = np.tile(np.arange(50, dtype=np.int16), 50)[:, None]
+    draft.put("streams/sound/data", sound, names=("sample", "channel"))
+    at = Finding("AUD-002", "streams/sound/time")
+    yield case("AUD-002__half", "1000 samples/s, stated as 2000.", draft, at)
+
+
 def _rate_cases() -> Iterator[Case]:
     draft = _current(_regular(60, 15_000_000), nominal_rate="100")
     at = Finding("TIME-005", TIME)
@@ -148,6 +160,7 @@ def _drifting(count: int, step_ns: int) -> Iterator[Case]:
 def timing_cases() -> Iterator[Case]:
     """Return the cases."""
     yield from _empty_cases()
+    yield from _sound_cases()
     yield from _rate_cases()
     yield from _gap_cases()
     yield from _clock_cases()

@@ -188,6 +188,7 @@ def valid_cases() -> Iterator[Case]:
     yield case("pose__still", "A hand that stands still.", still())
     yield case("wrench__one_component", "The force of a grip.", bases.wrench())
     yield case("taxels__mask_and_positions", "A grid with a dead cell.", bases.taxels())
+    yield case("audio__blocks", "Sound in blocks.", bases.audio())
     yield case("images__encoded", "A camera's JPEG files.", bases.encoded())
     yield case("images__array_uncompressed", "Grey pixels.", bases.pixels())
     yield case("images__array_zstd", "Colour pixels, compressed.", lossless_rgb())

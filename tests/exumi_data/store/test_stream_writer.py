@@ -98,12 +98,13 @@ def test_a_stream_without_samples_has_all_its_arrays(writer: EpisodeWriter) -> N
         "rgb": {"images": array_images()},
         "tactile": {"images": encoded_images()},
         "acme:x": OTHER,
+        "audio": {"rate": "48000", "channels": 2},
     }
     for number, (kind, fields) in enumerate(kinds.items()):
         writer.add_stream(f"s{number}", kind=kind, clock=CLOCK, **fields)
     episode = open_episode(writer.finish())
     shapes = [episode[f"s{number}"].array("data").shape for number in range(len(kinds))]
-    assert shapes == [(0, 7), (0,), (0, 2), (0, 2, 3), (0, HEIGHT, WIDTH, 3), (0,), (0,)]
+    assert shapes == [(0, 7), (0,), (0, 2), (0, 2, 3), (0, HEIGHT, WIDTH, 3), (0,), (0,), (0, 2)]
     assert len(episode["s4"].frames) == len(episode["s5"].frames) == 0
     assert episode["s5"].frames[:].shape == (0, HEIGHT, WIDTH, 3)
     assert episode.duration_s == 0

@@ -1,0 +1,3 @@
+"""Finalising: a journal becomes an episode."""
+
+__all__: list[str] = []

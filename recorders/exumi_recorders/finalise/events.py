@@ -1,0 +1,138 @@
+"""What the events of a journal say about its streams."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from exumi_recorders.journal.reading import Block
+
+__all__ = ["COUNTERS", "DEVICE_BACK", "DEVICE_LOST", "REFERENCE", "EventSummary", "read_events"]
+
+COUNTERS = "counters"
+"""The recorder's own: what was lost of each stream so far, and how well it is stamped."""
+DEVICE_LOST = "device_lost"
+DEVICE_BACK = "device_back"
+REFERENCE = "reference"
+"""No contact between two host times: ``stream``, ``from_ns``, ``until_ns``."""
+_MOST_KEPT = 500
+
+
+@dataclass(slots=True)
+class EventSummary:
+    """What is left of the events.
+
+    Attributes
+    ----------
+    world_frames : dict of str to list of (int, tuple of float)
+        Of each device: host time and pose as it was sent, in order.
+    counters : dict
+        The last one.
+    gone : dict of str to int
+        Devices that were lost and did not come back, and since when.
+    losses : dict of str to int
+        How often each device was lost.
+    references : dict of str to (int, int)
+        Of each stream, when nothing touched it: the last such time.
+    kept : list of (int, str, str, dict)
+        Host time, device, name and detail of the others, the first ones.
+    unkept : int
+        How many others there were beyond that.
+    """
+
+    world_frames: dict[str, list[tuple[int, tuple[float, ...]]]] = field(default_factory=dict)
+    counters: dict[str, Any] = field(default_factory=dict)
+    gone: dict[str, int] = field(default_factory=dict)
+    losses: dict[str, int] = field(default_factory=dict)
+    references: dict[str, tuple[int, int]] = field(default_factory=dict)
+    kept: list[tuple[int, str, str, dict[str, Any]]] = field(default_factory=list)
+    unkept: int = 0
+
+    def lost_of(self, stream: str) -> dict[str, int]:
+        """Return what the recorder counted as lost of a stream, by cause.
+
+        Parameters
+        ----------
+        stream : str
+        """
+        stated = _dict(_dict(self.counters.get("lost")).get(stream))
+        return {
+            str(cause): number
+            for cause, number in stated.items()
+            if isinstance(number, int) and number > 0
+        }
+
+    def stamp_sigma_of(self, device: str) -> float | None:
+        """Return how well the samples of a device are stamped, ns.
+
+        Parameters
+        ----------
+        device : str
+        """
+        sigma = _dict(self.counters.get("stamp_sigma_ns")).get(device)
+        if not isinstance(sigma, int | float) or isinstance(sigma, bool):
+            return None
+        return float(sigma) if np.isfinite(sigma) and sigma >= 0 else None
+
+
+def read_events(blocks: Iterable[Block]) -> EventSummary:
+    """Read the events' log; memory stays small, however many there are.
+
+    Parameters
+    ----------
+    blocks : iterable of Block
+    """
+    summary = EventSummary()
+    for block in blocks:
+        for time_ns, payload in zip(block.time_host.tolist(), block.files, strict=True):
+            try:
+                document = json.loads(payload)
+            except (ValueError, RecursionError):
+                continue
+            if isinstance(document, dict):
+                _take(summary, time_ns, document)
+    return summary
+
+
+def _take(summary: EventSummary, time_ns: int, document: dict[str, Any]) -> None:
+    name, device = str(document.get("name", "")), str(document.get("device", ""))
+    detail = _dict(document.get("detail"))
+    if name == COUNTERS:
+        summary.counters = detail
+        return
+    if name == "world_frame":
+        pose = _pose(detail.get("pose"))
+        if pose is not None:
+            frames = summary.world_frames.setdefault(device, [])
+            if len(frames) < _MOST_KEPT and (not frames or frames[-1][1] != pose):
+                frames.append((time_ns, pose))
+    elif name == DEVICE_LOST:
+        summary.gone[device] = time_ns
+        summary.losses[device] = summary.losses.get(device, 0) + 1
+    elif name == DEVICE_BACK:
+        summary.gone.pop(device, None)
+    elif name == REFERENCE:
+        times = detail.get("from_ns"), detail.get("until_ns")
+        if isinstance(times[0], int) and isinstance(times[1], int):
+            summary.references[str(detail.get("stream", ""))] = times[0], times[1]
+    if len(summary.kept) < _MOST_KEPT:
+        summary.kept.append((time_ns, device, name, detail))
+    else:
+        summary.unkept += 1
+
+
+def _dict(value: object) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _pose(value: object) -> tuple[float, ...] | None:
+    """Return seven finite numbers with a quaternion that is not zero."""
+    if not isinstance(value, list) or len(value) != 7:
+        return None
+    if not all(isinstance(x, int | float) and not isinstance(x, bool) for x in value):
+        return None
+    pose = tuple(float(x) for x in value)
+    norm = float(np.linalg.norm(pose[3:]))
+    return pose if np.isfinite(pose).all() and norm > 1e-6 else None

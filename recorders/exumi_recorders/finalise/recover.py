@@ -1,0 +1,161 @@
+"""Recovering: every journal that a crash left behind becomes an episode."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from exumi_data.catalog import (
+    CATALOG_NAME,
+    build_catalog,
+    list_episodes,
+    read_catalog,
+    rows_to_table,
+    write_catalog,
+)
+from exumi_data.errors import ExumiError, UsageError
+from exumi_recorders.finalise.episode import Finalised, dataset_of, finalise, inspect
+from exumi_recorders.journal.states import RECORDING_FOLDER, SUFFIX, list_journals
+
+__all__ = ["Recovery", "add_to_catalog", "find_journals", "recover"]
+
+
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """What became of all journals.
+
+    Attributes
+    ----------
+    done : tuple of Finalised
+    failed : tuple of (pathlib.Path, str)
+        Journals that stay as they were, and why.
+    notices : tuple of str
+        What else was found.
+    """
+
+    done: tuple[Finalised, ...]
+    failed: tuple[tuple[Path, str], ...]
+    notices: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as a JSON object."""
+        return {
+            "journals": [_document(one) for one in self.done],
+            "failed": [{"journal": str(path), "reason": reason} for path, reason in self.failed],
+            "notices": list(self.notices),
+        }
+
+
+def _document(one: Finalised) -> dict[str, Any]:
+    return {
+        "journal": str(one.journal),
+        "outcome": one.outcome,
+        "episode": None if one.episode is None else str(one.episode),
+        "samples": dict(one.samples or {}),
+        "damages": [{**asdict(damage), "path": str(damage.path)} for damage in one.damages],
+        "truncated": one.truncated,
+        "crashed": one.crashed,
+    }
+
+
+def find_journals(path: Path) -> list[Path]:
+    """Return the journals that a path stands for.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A journal, a dataset, or its folder ``.recording``.
+
+    Raises
+    ------
+    UsageError
+        It is none of these.
+    """
+    if not path.is_dir():
+        raise UsageError("is no folder", where=path)
+    whole = path.absolute()
+    if whole.name.endswith(SUFFIX):
+        dataset_of(whole)
+        return [whole]
+    if whole.name == RECORDING_FOLDER:
+        return list_journals(whole.parent)
+    if not (whole / RECORDING_FOLDER).is_dir() and not (whole / "dataset.json").is_file():
+        raise UsageError(
+            "is no dataset and no journal",
+            where=path,
+            fix=f"Name a dataset, its folder {RECORDING_FOLDER}, or a journal in it.",
+        )
+    return list_journals(whole)
+
+
+def recover(
+    paths: Sequence[Path],
+    *,
+    dry_run: bool = False,
+    on_done: Callable[[int, int, str], None] | None = None,
+) -> Recovery:
+    """Finalise journals; those that are being recorded or were discarded are left alone.
+
+    A journal that cannot be finalised stays as it is, and does not keep the others.
+
+    Parameters
+    ----------
+    paths : sequence of pathlib.Path
+        Journals, datasets, or folders ``.recording``.
+    dry_run : bool
+        Read all, and write nothing.
+    on_done : callable, optional
+        Called with the number of journals done, of all, and what became of the last one.
+
+    Returns
+    -------
+    Recovery
+
+    Raises
+    ------
+    UsageError
+        A path is none of these. Nothing was done.
+    """
+    journals = list(dict.fromkeys(journal for path in paths for journal in find_journals(path)))
+    done: list[Finalised] = []
+    failed: list[tuple[Path, str]] = []
+    for journal in journals:
+        try:
+            done.append(inspect(journal) if dry_run else finalise(journal))
+            outcome: str = done[-1].outcome
+        except ExumiError as error:
+            failed.append((journal, str(error)))
+            outcome = "failed"
+        except OSError as error:
+            failed.append((journal, f"{error.filename or journal}: {error.strerror or error}"))
+            outcome = "failed"
+        if on_done is not None:
+            on_done(len(done) + len(failed), len(journals), outcome)
+    notices = []
+    for dataset in dict.fromkeys(
+        dataset_of(one.journal) for one in done if one.outcome == "finalised"
+    ):
+        notices += add_to_catalog(dataset)
+    return Recovery(tuple(done), tuple(failed), tuple(notices))
+
+
+def add_to_catalog(dataset: Path) -> list[str]:
+    """Add new episodes to a dataset's catalog; return why some, or all of it, could not be.
+
+    Parameters
+    ----------
+    dataset : pathlib.Path
+    """
+    try:
+        table = read_catalog(dataset)
+        if table is None and (dataset / CATALOG_NAME).exists():
+            return [f"{dataset}: the catalog cannot be read. Write it with: exumi index {dataset}"]
+        present = list_episodes(dataset)
+        known = [] if table is None else table.to_pylist()
+        paths = {row["path"] for row in known}
+        added, problems = build_catalog(dataset, paths=[p for p in present if p not in paths])
+        rows = [row for row in known if row["path"] in set(present)]
+        write_catalog(dataset, rows_to_table([*rows, *added.to_pylist()]))
+    except (ExumiError, OSError) as error:
+        return [f"{dataset}: the catalog was not written: {error}"]
+    return [f"not in the catalog, because it cannot be read: {one.error}" for one in problems]

@@ -1,0 +1,214 @@
+"""What state a journal is in, and how one that was discarded comes back.
+
+A discarded journal stays where it is, as a tombstone with the reason; its logs are removed only by
+`purge`, after which it cannot come back.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from exumi_data.errors import MetadataError, UsageError
+from exumi_data.model.base import Model, Version
+from exumi_data.model.documents import dump, load_json
+from exumi_data.store.files import try_lock, write_atomic
+from exumi_data.store.plain_files import read_plain
+
+__all__ = [
+    "HEADER_NAME",
+    "RECORDING_FOLDER",
+    "STATE_NAME",
+    "SUFFIX",
+    "JournalState",
+    "State",
+    "discard",
+    "journal_folder",
+    "list_journals",
+    "locked",
+    "purge",
+    "read_state",
+    "undo_discard",
+    "write_state",
+]
+
+RECORDING_FOLDER = ".recording"
+SUFFIX = ".rec"
+HEADER_NAME = "header.json"
+STATE_NAME = "state.json"
+_MOST_BYTES = 1 << 16
+
+State = Literal["recording", "stopped", "finalised", "discarded"]
+
+
+class JournalState(Model):
+    """The document ``state.json``, replaced as a whole."""
+
+    format: Literal["exumi-journal-state"] = "exumi-journal-state"
+    version: Version = "1.0"
+    state: State
+    reason: Annotated[str, Field(max_length=1000)] | None = None
+    """Why it was discarded."""
+    truncated: Annotated[str, Field(max_length=1000)] | None = None
+    """Why recording ended before it was stopped: ``disk_full``, or an error of the disk."""
+    purged: bool = False
+    """Whether the logs of a discarded journal are gone."""
+
+
+def journal_folder(dataset: Path, episode_id: str) -> Path:
+    """Return where the journal of an episode is.
+
+    Parameters
+    ----------
+    dataset : pathlib.Path
+    episode_id : str
+    """
+    return dataset / RECORDING_FOLDER / f"{episode_id}{SUFFIX}"
+
+
+def list_journals(dataset: Path) -> list[Path]:
+    """Return the journals of a dataset, sorted by name.
+
+    Parameters
+    ----------
+    dataset : pathlib.Path
+    """
+    folder = dataset / RECORDING_FOLDER
+    if folder.is_symlink() or not folder.is_dir():
+        return []
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.name.endswith(SUFFIX) and path.is_dir() and not path.is_symlink()
+    )
+
+
+def read_state(journal: Path) -> JournalState:
+    """Return a journal's state. One that cannot be read was being recorded when the power went.
+
+    Parameters
+    ----------
+    journal : pathlib.Path
+
+    Raises
+    ------
+    DamagedDataError
+        There is something else of that name.
+    """
+    path = journal / STATE_NAME
+    try:
+        document = load_json(read_plain(path, _MOST_BYTES), path)
+        return JournalState.model_validate_json(json.dumps(document))
+    except (FileNotFoundError, MetadataError, ValidationError):
+        return JournalState(state="recording")
+
+
+def write_state(journal: Path, state: JournalState) -> None:
+    """Replace a journal's state, durably.
+
+    Parameters
+    ----------
+    journal : pathlib.Path
+    state : JournalState
+    """
+    write_atomic(journal / STATE_NAME, (json.dumps(dump(state)) + "\n").encode())
+
+
+@contextmanager
+def locked(journal: Path) -> Iterator[None]:
+    """Hold a journal: nobody else records, finalises or discards it meanwhile.
+
+    Parameters
+    ----------
+    journal : pathlib.Path
+
+    Raises
+    ------
+    BlockingIOError
+        Another one holds it: it is being recorded, or finalised.
+    """
+    descriptor = os.open(journal, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        try_lock(descriptor)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def _changed(journal: Path) -> Iterator[JournalState]:
+    try:
+        with locked(journal):
+            yield read_state(journal)
+    except FileNotFoundError:
+        raise UsageError(
+            "is not there", where=journal, fix="It may have become an episode already."
+        ) from None
+    except BlockingIOError:
+        raise UsageError(
+            "is being recorded or finalised", where=journal, fix="Stop it first."
+        ) from None
+
+
+def discard(journal: Path, reason: str) -> None:
+    """Make a stopped journal a tombstone.
+
+    Parameters
+    ----------
+    journal : pathlib.Path
+    reason : str
+
+    Raises
+    ------
+    UsageError
+        It is held by somebody, or is not there.
+    """
+    with _changed(journal) as state:
+        write_state(
+            journal, state.model_copy(update={"state": "discarded", "reason": reason[:1000]})
+        )
+
+
+def undo_discard(journal: Path) -> None:
+    """Take a discarded journal back.
+
+    Parameters
+    ----------
+    journal : pathlib.Path
+
+    Raises
+    ------
+    UsageError
+        It was not discarded, or its logs are gone.
+    """
+    with _changed(journal) as state:
+        if state.state != "discarded" or state.purged:
+            what = "its logs are gone" if state.purged else f"it is {state.state}"
+            raise UsageError(f"cannot be taken back: {what}", where=journal)
+        write_state(journal, state.model_copy(update={"state": "stopped", "reason": None}))
+
+
+def purge(journal: Path) -> None:
+    """Remove the logs of a discarded journal; header and state stay as the tombstone.
+
+    Parameters
+    ----------
+    journal : pathlib.Path
+
+    Raises
+    ------
+    UsageError
+        It was not discarded.
+    """
+    with _changed(journal) as state:
+        if state.state != "discarded":
+            raise UsageError(f"is not discarded but {state.state}", where=journal)
+        write_state(journal, state.model_copy(update={"purged": True}))
+        for entry in journal.iterdir():
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry)

@@ -1,0 +1,504 @@
+"""A recorder: devices that run all the time, and episodes that are begun and ended meanwhile."""
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from exumi_data.errors import UsageError
+from exumi_data.model.episode import EpisodeMetadata
+from exumi_recorders.contract import DeviceError, Event, Health, Sample
+from exumi_recorders.finalise.clocks import utc_text
+from exumi_recorders.finalise.rows import payload_bytes_of
+from exumi_recorders.journal.flusher import OnFlushed
+from exumi_recorders.journal.header import (
+    JournalHeader,
+    KnownLatency,
+    StreamHeader,
+    port_document,
+)
+from exumi_recorders.journal.journal import JournalWriter, read_clock_pair
+from exumi_recorders.journal.log import SEGMENT_BYTES
+from exumi_recorders.journal.record import salt_of
+from exumi_recorders.journal.space import Reserve, SpaceLimits, check_room
+from exumi_recorders.recording.device import DeviceThread, RecordedDevice, RecordedStream
+from exumi_recorders.recording.lanes import Lane, Limits, Pressure
+from exumi_recorders.recording.status import (
+    DeviceStatus,
+    Problem,
+    RecordingStatus,
+    StreamStatus,
+)
+from exumi_recorders.recording.writer import WriterThread
+
+__all__ = ["LATENCY", "Recorded", "Recorder"]
+
+LATENCY = "latency/"
+"""A calibration item of this name and a stream's is its latency: value and uncertainty in ns."""
+STICKY = ("world_frame", "controls")
+"""Events that hold until the next one: an episode that begins later gets the last one."""
+
+_OPEN_S = 30.0
+_GRACE_S = 0.1
+_SILENT_S = 0.5
+_SILENT_PERIODS = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """An episode that was recorded, and waits to be finalised.
+
+    Attributes
+    ----------
+    journal : pathlib.Path
+    truncated : str or None
+        Why it ended before it was stopped.
+    samples, dropped : dict of str to int
+        Of each stream.
+    """
+
+    journal: Path
+    truncated: str | None
+    samples: Mapping[str, int]
+    dropped: Mapping[str, int]
+
+
+@dataclass(slots=True)
+class _Episode:
+    id: str
+    began_ns: int
+    journal: JournalWriter
+    writer: WriterThread
+    lanes: dict[str, Lane]
+    health: dict[str, Health]
+
+
+class Recorder:
+    """Read devices all the time; record episodes of them.
+
+    Devices run from `open` to `close`. `start` and `stop` are for one thread; `status` and
+    `latest_frame` for any.
+
+    Parameters
+    ----------
+    devices : sequence of RecordedDevice
+    on_event : callable, optional
+        Told of each event (the device's name, the event) in the thread of the device: it has to
+        return at once, and not to raise.
+    limits : Limits, optional
+        How much may wait for the disk.
+    space : SpaceLimits, optional
+        How much room the disk has to have.
+    segment_bytes : int
+    on_flushed : callable, optional
+        For tests of power loss: told which segments are safe, and how far.
+
+    Raises
+    ------
+    UsageError
+        Two streams have one name.
+    """
+
+    def __init__(
+        self,
+        devices: Sequence[RecordedDevice],
+        *,
+        on_event: Callable[[str, Event], None] | None = None,
+        limits: Limits | None = None,
+        space: SpaceLimits | None = None,
+        segment_bytes: int = SEGMENT_BYTES,
+        on_flushed: OnFlushed | None = None,
+    ) -> None:
+        names = [name for device in devices for name in device.streams.values()]
+        if len(set(names)) != len(names) or len({each.name for each in devices}) != len(devices):
+            raise UsageError("two streams or two devices have one name")
+        self._limits = limits or Limits()
+        self._space = space or SpaceLimits()
+        self._segment_bytes = segment_bytes
+        self._on_flushed = on_flushed
+        self._told = on_event
+        self._pressure = Pressure(self._limits)
+        self._sticky: dict[tuple[str, str], Event] = {}
+        self._episode: _Episode | None = None
+        self._truncated: str | None = None
+        self._events_lock = threading.Lock()
+        self._opened_ns = 0
+        self._threads = [
+            DeviceThread(
+                device, on_event=self._take_event, wake=self._wake, has_room=self._has_room
+            )
+            for device in devices
+        ]
+
+    # ------------------------------------------------------------------------------------- devices
+
+    def open(self) -> None:
+        """Open all devices, at the same time; on failure none stays open.
+
+        Raises
+        ------
+        DeviceError
+            The first one that could not be opened.
+        """
+        for thread in self._threads:
+            thread.start()
+        failures = {thread.name: thread.wait_until_open(_OPEN_S) for thread in self._threads}
+        for name, failure in failures.items():
+            if failure is not None:
+                self.close()
+                if isinstance(failure, DeviceError | ImportError):
+                    raise failure
+                raise DeviceError(f"cannot be opened: {failure}", where=name) from failure
+        self._opened_ns = time.monotonic_ns()
+
+    def close(self) -> None:
+        """Stop recording, and close all devices; also a second time."""
+        if self._episode is not None:
+            self.stop()
+        for thread in self._threads:
+            thread.stop()
+
+    def __enter__(self) -> "Recorder":
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def streams(self) -> dict[str, RecordedStream]:
+        """All streams by name, once the devices are open."""
+        return {
+            stream.name: stream for thread in self._threads for stream in thread.streams.values()
+        }
+
+    def latest_frame(self, stream: str) -> Sample | None:
+        """Return the newest image of a camera, for a preview; older ones where the disk is slow.
+
+        Parameters
+        ----------
+        stream : str
+        """
+        found = self.streams.get(stream)
+        return None if found is None else found.latest
+
+    # ------------------------------------------------------------------------------------ episodes
+
+    def start(
+        self,
+        dataset: Path,
+        metadata: EpisodeMetadata,
+        *,
+        arrays: Mapping[str, np.ndarray] | None = None,
+    ) -> Path:
+        """Begin an episode: when this returns, it is safe to say that it is being recorded.
+
+        Parameters
+        ----------
+        dataset : pathlib.Path
+        metadata : EpisodeMetadata
+            Without streams; `start` is filled in. Items ``latency/<stream>`` of its calibration
+            become the latencies of the streams' clocks.
+        arrays : mapping of str to ndarray, optional
+            Arrays of calibration items, by path below ``calibration/``.
+
+        Returns
+        -------
+        pathlib.Path
+            The journal.
+
+        Raises
+        ------
+        UsageError
+            One is being recorded, or a stream cannot be.
+        NoRoomError
+            The disk is nearly full.
+        """
+        if self._episode is not None:
+            raise UsageError("an episode is being recorded")
+        check_room(dataset, self._space)
+        reserve = Reserve(dataset, self._space.reserve_bytes)
+        reserve.hold()
+        monotonic, utc, _ = read_clock_pair()
+        metadata = metadata.model_copy(deep=True)
+        metadata.start = utc_text(utc)
+        streams = self.streams
+        header = JournalHeader(
+            boot_id=_boot_id(),
+            t0_monotonic_ns=monotonic,
+            episode=metadata,
+            streams={name: _stream_header(stream, metadata) for name, stream in streams.items()},
+        )
+        lanes = {name: self._lane(header, streams[name]) for name in streams}
+        health = {thread.name: thread.health_now() for thread in self._threads}
+        self._truncated = None
+        self._pressure.lanes = tuple(lanes.values())
+        for name, stream in streams.items():
+            stream.lane = lanes[name]
+        try:
+            journal = JournalWriter(
+                dataset,
+                header,
+                arrays=arrays,
+                segment_bytes=self._segment_bytes,
+                on_flushed=self._on_flushed,
+            )
+        except BaseException:
+            self._detach(lanes)
+            raise
+        writer = WriterThread(
+            journal,
+            list(lanes.values()),
+            counters=self._counters,
+            limits=self._space,
+            reserve=reserve,
+        )
+        with self._events_lock:
+            for (device, _name), event in self._sticky.items():
+                writer.put_event(device, event)
+            self._episode = _Episode(metadata.id, monotonic, journal, writer, lanes, health)
+        writer.start()
+        return journal.path
+
+    def _lane(self, header: JournalHeader, stream: RecordedStream) -> Lane:
+        return Lane(
+            stream.name,
+            salt_of(header.episode.id, stream.name),
+            self._pressure,
+            droppable=stream.port.droppable,
+            start_ns=header.t0_monotonic_ns,
+            payload_bytes=payload_bytes_of(header.streams[stream.name]),
+        )
+
+    def stop(self) -> Recorded:
+        """End the episode: what was stamped until now is recorded.
+
+        Returns
+        -------
+        Recorded
+
+        Raises
+        ------
+        UsageError
+            None is being recorded.
+        """
+        episode = self._episode
+        if episode is None:
+            raise UsageError("no episode is being recorded")
+        stop_ns = time.monotonic_ns()
+        for lane in episode.lanes.values():
+            lane.end_at(stop_ns)
+        if episode.writer.truncated is None:
+            time.sleep(_GRACE_S)  # what was stamped before may still be on its way
+        self._detach(episode.lanes)
+        episode.writer.stop()
+        self._truncated = episode.writer.truncated
+        with self._events_lock:
+            self._episode = None
+        self._pressure.lanes = ()
+        return Recorded(
+            episode.journal.path,
+            episode.writer.truncated,
+            {name: lane.written for name, lane in episode.lanes.items()},
+            {name: lane.dropped for name, lane in episode.lanes.items()},
+        )
+
+    def _detach(self, lanes: Mapping[str, Lane]) -> None:
+        for stream in self.streams.values():
+            stream.lane = None
+        for lane in lanes.values():
+            lane.close()
+
+    def add_event(self, name: str, **detail: Any) -> None:
+        """Write an event of the recorder's user into the episode; nothing happens without one.
+
+        Parameters
+        ----------
+        name : str
+        **detail
+            JSON values.
+        """
+        self._take_event("", Event(name, time.monotonic_ns(), detail), own=True)
+
+    # --------------------------------------------------------------------------- what threads tell
+
+    def _take_event(self, device: str, event: Event, *, own: bool = False) -> None:
+        with self._events_lock:
+            if event.name in STICKY:
+                self._sticky[device, event.name] = event
+            episode = self._episode
+            if episode is not None:
+                episode.writer.put_event(device, event)
+        if self._told is not None and not own:
+            self._told(device, event)
+
+    def _wake(self) -> None:
+        episode = self._episode
+        if episode is not None:
+            episode.writer.wake.set()
+
+    def _has_room(self) -> bool:
+        return self._pressure.share(time.monotonic_ns()) < self._limits.preview_share
+
+    def _counters(self) -> dict[str, Any]:
+        """Return what was lost so far in this episode, for its journal."""
+        episode = self._episode
+        if episode is None:
+            return {}
+        lost: dict[str, dict[str, int]] = {}
+        sigmas: dict[str, float] = {}
+        for thread in self._threads:
+            health = thread.health_now()
+            if health.stamp_sigma_ns is not None:
+                sigmas[thread.name] = float(health.stamp_sigma_ns)
+            for name, causes in _lost(thread, health, episode.health[thread.name]).items():
+                lost.setdefault(name, {}).update(causes)
+        for name, lane in episode.lanes.items():
+            for cause, number in (("queue", lane.dropped), ("malformed", lane.malformed)):
+                if number:
+                    lost.setdefault(name, {})[cause] = number
+        return {"lost": lost, "stamp_sigma_ns": sigmas}
+
+    # -------------------------------------------------------------------------------------- status
+
+    def status(self) -> RecordingStatus:
+        """Tell how the recording is going; cheap enough for ten times a second."""
+        now_ns = time.monotonic_ns()
+        episode = self._episode
+        share = self._pressure.share(now_ns)
+        problems: list[Problem] = []
+        streams: list[StreamStatus] = []
+        for thread in self._threads:
+            problems += _device_problems(thread)
+            lost = (
+                {} if episode is None else _lost(thread, thread.health, episode.health[thread.name])
+            )
+            for stream in thread.streams.values():
+                lane = None if episode is None else episode.lanes.get(stream.name)
+                streams.append(_stream_status(stream, lane, lost.get(stream.name, {}), now_ns))
+                problems += _stream_problems(stream, thread, streams[-1], self._opened_ns, now_ns)
+        problems += self._own_problems(episode, share)
+        return RecordingStatus(
+            recording=episode is not None and episode.writer.truncated is None,
+            episode=None if episode is None else episode.id,
+            elapsed_s=0.0 if episode is None else (now_ns - episode.began_ns) / 1e9,
+            bytes=0 if episode is None else episode.journal.written_bytes,
+            pressure=share,
+            truncated=self._truncated if episode is None else episode.writer.truncated,
+            free_bytes=-1 if episode is None else episode.writer.free_bytes,
+            streams=tuple(streams),
+            devices=tuple(
+                DeviceStatus(
+                    name=thread.name, connected=thread.connected, readings=thread.health.readings
+                )
+                for thread in self._threads
+            ),
+            problems=tuple(problems),
+        )
+
+    def _own_problems(self, episode: _Episode | None, share: float) -> list[Problem]:
+        problems = []
+        truncated = self._truncated if episode is None else episode.writer.truncated
+        if truncated is not None:
+            code = "disk_full" if truncated == "disk_full" else "disk_error"
+            problems.append(Problem("", code, f"The recording was ended: {truncated}."))
+        if share >= self._limits.warn_share:
+            problems.append(Problem("", "disk_slow", "The disk cannot keep up."))
+        if episode is not None and episode.journal.flush_error is not None:
+            text = f"The disk reports: {episode.journal.flush_error.strerror}."
+            problems.append(Problem("", "disk_error", text))
+        return problems
+
+
+def _boot_id() -> str:
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    except OSError:
+        return "unknown"
+
+
+def _stream_header(stream: RecordedStream, metadata: EpisodeMetadata) -> StreamHeader:
+    item = metadata.calibration.get(f"{LATENCY}{stream.name}")
+    document = port_document(stream.port)
+    if item is None or not isinstance(item.value, int | float) or isinstance(item.value, bool):
+        return StreamHeader(device=stream.device, port=document)
+    latency = KnownLatency(
+        latency_ns=round(item.value), latency_sigma_ns=item.uncertainty, method=item.method
+    )
+    return StreamHeader(device=stream.device, port=document, latency=latency)
+
+
+def _lost(thread: DeviceThread, now: Health, before: Health) -> dict[str, dict[str, int]]:
+    """Return what a device has lost since an episode began, by stream and cause.
+
+    A cause of a device with several ports is that of the first one, unless it is named
+    ``<port>/<cause>``.
+    """
+    found: dict[str, dict[str, int]] = {}
+    first = next(iter(thread.streams), None)
+    for key, number in now.lost.items():
+        since = number - before.lost.get(key, 0)
+        port, divided, cause = key.rpartition("/")
+        stream = thread.streams.get(port if divided else first or "")
+        # A driver that was opened anew counts from 0.
+        since = number if since < 0 else since
+        if stream is not None and since:
+            found.setdefault(stream.name, {})[cause] = since
+    return found
+
+
+def _stream_status(
+    stream: RecordedStream, lane: Lane | None, lost: Mapping[str, int], now_ns: int
+) -> StreamStatus:
+    rate, jitter = stream.meter.measure(now_ns)
+    newest = stream.meter.last_host_ns
+    return StreamStatus(
+        name=stream.name,
+        device=stream.device,
+        kind=stream.port.kind,
+        rate_hz=rate,
+        jitter_s=jitter,
+        age_s=None if newest is None else (now_ns - newest) / 1e9,
+        samples=0 if lane is None else lane.written,
+        dropped=0 if lane is None else lane.dropped,
+        lost=lost,
+        queue_bytes=0 if lane is None else lane.waiting_bytes,
+        queue_age_s=0.0 if lane is None else lane.age_ns(now_ns) / 1e9,
+    )
+
+
+def _device_problems(thread: DeviceThread) -> list[Problem]:
+    problems = [Problem(thread.name, "device", text) for text in thread.health.problems]
+    if not thread.connected:
+        text = f"{thread.name} is gone: {thread.trouble or 'it is not open'}."
+        problems.append(Problem(thread.name, "device_lost", text))
+    return problems
+
+
+def _stream_problems(
+    stream: RecordedStream,
+    thread: DeviceThread,
+    status: StreamStatus,
+    opened_ns: int,
+    now_ns: int,
+) -> list[Problem]:
+    problems = []
+    if status.dropped:
+        text = f"{status.dropped} samples were dropped: the disk cannot keep up."
+        problems.append(Problem(stream.name, "dropping", text))
+    if stream.frozen:
+        problems.append(
+            Problem(stream.name, "frozen", "The pose does not change: tracking may be lost.")
+        )
+    arrived = max(stream.meter.last_arrival_ns or 0, opened_ns)
+    allowed = _SILENT_S
+    if stream.rate_hz is not None:
+        allowed = max(allowed, _SILENT_PERIODS / stream.rate_hz)
+    if thread.connected and opened_ns and (now_ns - arrived) / 1e9 > allowed:
+        text = f"No sample has come for {(now_ns - arrived) / 1e9:.1f} s."
+        problems.append(Problem(stream.name, "no_samples", text))
+    return problems

@@ -1,0 +1,1 @@
+"""Simulated devices that speak the real protocols, from a world whose truth is known."""
