@@ -14,7 +14,7 @@ DRIVERS = "exumi.drivers"
 """The group of the entry points."""
 
 # Each module has a DriverType named DRIVER, or, where one module has several, as after the colon.
-_BUILT_IN: Mapping[str, str] = MappingProxyType({})
+_BUILT_IN: Mapping[str, str] = MappingProxyType({"quest": "exumi_recorders.drivers.quest"})
 
 
 def driver_names() -> list[str]:
