@@ -23,6 +23,7 @@ _BUILT_IN: Mapping[str, str] = MappingProxyType(
         "uvc": "exumi_recorders.drivers.camera_profiles:UVC",
     }
 )
+_BUILT_IN: Mapping[str, str] = MappingProxyType({"quest": "exumi_recorders.drivers.quest"})
 
 
 def driver_names() -> list[str]:
