@@ -14,7 +14,13 @@ DRIVERS = "exumi.drivers"
 """The group of the entry points."""
 
 # Each module has a DriverType named DRIVER, or, where one module has several, as after the colon.
-_BUILT_IN: Mapping[str, str] = MappingProxyType({})
+_BUILT_IN: Mapping[str, str] = MappingProxyType(
+    {
+        "as5600": "exumi_recorders.drivers.as5600",
+        "line": "exumi_recorders.drivers.line",
+        "tac02": "exumi_recorders.drivers.tac02",
+    }
+)
 
 
 def driver_names() -> list[str]:
