@@ -24,6 +24,11 @@ _BUILT_IN: Mapping[str, str] = MappingProxyType(
     }
 )
 _BUILT_IN: Mapping[str, str] = MappingProxyType({"quest": "exumi_recorders.drivers.quest"})
+        "as5600": "exumi_recorders.drivers.as5600",
+        "line": "exumi_recorders.drivers.line",
+        "tac02": "exumi_recorders.drivers.tac02",
+    }
+)
 
 
 def driver_names() -> list[str]:
