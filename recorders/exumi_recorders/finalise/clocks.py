@@ -17,6 +17,7 @@ __all__ = ["Epoch", "StreamTimes", "clock_of", "epoch_of", "utc_text"]
 
 SOURCE = "hub_monotonic"
 _STEP_NS = 10_000_000
+_FARTHEST_NS = 1 << 60
 _WIDEST_NS = 1_000_000_000
 
 
@@ -131,7 +132,7 @@ class StreamTimes:
         time_host : (N,) int64
         """
         times = apply_clock(
-            time_host,
+            np.clip(time_host, -_FARTHEST_NS, _FARTHEST_NS),
             t_ref=self._clock.t_ref_ns,
             drift_ppm=0.0,
             offset_ns=0,

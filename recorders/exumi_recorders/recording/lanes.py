@@ -12,6 +12,10 @@ from exumi_recorders.journal.record import MAX_PAYLOAD_BYTES, NONE, pack_header
 __all__ = ["Lane", "Limits", "Pressure"]
 
 
+_FUTURE_NS = 1_000_000_000
+"""A stamp that is further ahead than this is none: it would drag along all that come after it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Limits:
     """How much may wait for the disk.
@@ -118,6 +122,9 @@ class Lane:
             CLOCK_MONOTONIC.
         """
         if sample.time_host_ns < self._start_ns:
+            return
+        if sample.time_host_ns > now_ns + _FUTURE_NS:
+            self.malformed += 1
             return
         if self._stop_ns is not None and sample.time_host_ns > self._stop_ns:
             return
