@@ -91,13 +91,13 @@ def to_monotonic(realtime_ns: int, before: ClockPair, after: ClockPair) -> int:
     Returns
     -------
     int
-        Never later than `after`. Where neither offset fits, `after`'s own time: the datagram came
-        then or before.
+        Never later than `after`. Where the clock was set and neither offset fits, `after`'s own
+        time: the datagram came then or before.
     """
-    stepped = abs(after.offset_ns - before.offset_ns) > _STEP_NS
+    if abs(after.offset_ns - before.offset_ns) <= _STEP_NS:
+        return min(realtime_ns + after.offset_ns, after.monotonic_ns)
     first, last = before.monotonic_ns - _STEP_NS, after.monotonic_ns + _STEP_NS
-    offsets = (before.offset_ns, after.offset_ns) if stepped else (after.offset_ns,)
-    for offset_ns in offsets:
+    for offset_ns in (before.offset_ns, after.offset_ns):
         if first <= realtime_ns + offset_ns <= last:
             return min(realtime_ns + offset_ns, after.monotonic_ns)
     return after.monotonic_ns
@@ -149,6 +149,7 @@ class StampedSocket:
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
         self._before = take_clock_pair()
+        self._offset_ns = self._before.offset_ns
         self._last_count = 0
         self.dropped = 0
         """Datagrams that the kernel has dropped since, for want of room in the buffer."""
@@ -185,12 +186,14 @@ class StampedSocket:
         """
         try:
             self._poll.poll(max(0.0, timeout_s * 1e3))
+            drained_from = take_clock_pair()
             raw = self._drain()
         except OSError as error:
             raise DeviceLostError(f"datagrams cannot be received: {error.strerror}") from error
         after = take_clock_pair()
-        if abs(after.offset_ns - self._before.offset_ns) > _STEP_NS:
+        if abs(after.offset_ns - self._offset_ns) > _STEP_NS:
             self.utc_steps += 1
+        self._offset_ns = after.offset_ns
         found = [
             Datagram(
                 data,
@@ -201,9 +204,10 @@ class StampedSocket:
             )
             for data, stamp_ns, sender in raw
         ]
-        # Should the buffer still hold some, they came before `after`: the older pair stays.
+        # What is read next came while the buffer was emptied, or later. Should it not be empty
+        # yet, the rest came earlier: the older pair stays.
         if len(raw) < _MAX_DATAGRAMS:
-            self._before = after
+            self._before = drained_from
         return found
 
     def send(self, data: bytes, to: tuple[str, int]) -> None:

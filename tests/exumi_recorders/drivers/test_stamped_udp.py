@@ -115,6 +115,7 @@ def pair(monotonic_s: float, realtime_s: float) -> ClockPair:
         (1000.5, (10, 4600), (11, 1001), 10.5),
         # set twice between the pairs: unknown, but not later than now
         (9000, (10, 1000), (11, 1001), 11),
+        (9000, (10, 1000), (11, 4601), 11),
         # from before the first pair, by the jitter of reading it
         (999.9999, (10, 1000), (11, 1001), 9.9999),
         # never in the future
