@@ -146,7 +146,7 @@ class SweepLimits:
     explained: float = 0.95
     sigma_s: float = 1e-3
     runner_up: float = 1.5
-    halves_s: float = 2e-3
+    halves_s: float = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
