@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +17,25 @@ from exumi_data.model.streams import images_of
 from exumi_data.standard import flags
 from exumi_recorders.calibration.files import Calibration
 from exumi_recorders.calibration.sweep import PoseTrack
+from exumi_recorders.calibration.timing import CameraTiming, Range
 
 __all__ = [
+    "activity_of",
     "as_stamped",
+    "camera_times",
     "clip_frames",
+    "clip_intrinsics",
     "fitting",
     "frames_of",
     "intrinsics_for",
+    "motion_energy",
     "pose_track",
     "stream_of",
 ]
+
+
+# Stamps of the first row's beginning; others are of a frame that is there already.
+_AT_START = ("buffer_soe", "container_pts", "device", "simulated", "nominal_rate")
 
 
 def stream_of(episode: Episode, kind: str, name: str | None) -> StreamView:
@@ -175,3 +184,111 @@ def intrinsics_for(
             fix="Put its intrinsics into the calibration file: exumi calibrate camera.",
         )
     return found
+
+
+def clip_intrinsics(path: Path, calibration: Calibration | None, name: str) -> Intrinsics:
+    """Return the intrinsics of a clip's camera, for the clip's frames.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The clip.
+    calibration : Calibration or None
+    name : str
+        Of the item.
+
+    Raises
+    ------
+    UsageError
+        The calibration has no such item, or it does not fit the frames.
+    SourceError
+        The clip is no video.
+    """
+    from exumi_data.store.video import VideoDecoder
+
+    if calibration is None or name not in calibration.items:
+        raise UsageError(
+            f"the calibration file has no {name}",
+            where=path,
+            fix="Import it: exumi calibrate camera FILE --stream NAME --out ..., and say --camera "
+            "NAME.",
+        )
+    with VideoDecoder(str(path), path) as video:
+        width, height = video.width, video.height
+    return fitting(Intrinsics.model_validate(calibration.items[name].value), width, height, path)
+
+
+def camera_times(stream: StreamView) -> tuple[NDArray[np.int64], CameraTiming]:
+    """Return the times of a camera's frames, and how they lie to what the frames show.
+
+    A camera whose latency is known has its events at `time`; of another one, only the stamps are
+    known.
+
+    Parameters
+    ----------
+    stream : StreamView
+        With frames.
+
+    Returns
+    -------
+    time_ns : (N,) int64
+    CameraTiming
+    """
+    clock = stream.metadata.clock
+    time = np.asarray(stream.time, np.int64)
+    if clock.latency_ns or clock.latency_sigma_ns is not None:
+        none = Range(0.0, 0.0)
+        return time, CameraTiming(none, none, known_sigma_s=1e-9 * (clock.latency_sigma_ns or 0.0))
+    return time, CameraTiming(stamped="start" if clock.stamp_point in _AT_START else "end")
+
+
+def activity_of(stream: StreamView) -> NDArray[np.float32]:
+    """Return the activity of tactile frames: as it is stored, else measured.
+
+    Parameters
+    ----------
+    stream : StreamView
+        Of kind tactile.
+
+    Raises
+    ------
+    UsageError
+        None is stored, and there is no reference to measure it by.
+    """
+    from exumi_data.tactile import ActivityMeter
+
+    stored = stream.activity
+    if stored is not None:
+        return np.asarray(stored, np.float32)
+    reference = stream.reference
+    if reference is None:
+        raise UsageError(
+            f"{stream.name!r} has neither activity nor a reference to measure it by",
+            where=stream.name,
+            fix="Record it with a reference: exumi calibrate tactile.",
+        )
+    meter = ActivityMeter(reference)
+    return np.array([meter.measure(frame) for frame in stream.frames], np.float32)
+
+
+def motion_energy(frames: Iterable[NDArray[np.uint8]]) -> NDArray[np.float64]:
+    """Return by how much each frame differs from the one before: mean grey levels.
+
+    Parameters
+    ----------
+    frames : iterable of (H, W, C) uint8
+
+    Returns
+    -------
+    (N - 1,) float64
+    """
+    import cv2
+
+    energy: list[float] = []
+    before: NDArray[np.uint8] | None = None
+    for frame in frames:
+        grey = cv2.blur(frame.reshape(*frame.shape[:2], -1).mean(axis=2).astype(np.uint8), (5, 5))
+        if before is not None:
+            energy.append(float(cv2.absdiff(np.asarray(grey), before).mean()))
+        before = np.asarray(grey, np.uint8)
+    return np.array(energy, np.float64)

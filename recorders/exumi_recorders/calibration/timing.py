@@ -68,11 +68,14 @@ class CameraTiming:
     stamped : {"start", "end"}
         Whether a frame's stamp is that of the first row's exposure beginning, or of the last row's
         having been read out.
+    known_sigma_s : float
+        Standard deviation of what has been taken out of the stamps already.
     """
 
     exposure_s: Range = Range(*EXPOSURE_RANGE_S)
     readout_s: Range = Range(*READOUT_RANGE_S)
     stamped: Literal["start", "end"] = "start"
+    known_sigma_s: float = 0.0
 
     def event_ns(self, stamp_ns: NDArray[np.int64], row: NDArray[np.floating]) -> NDArray[np.int64]:
         """Return when rows saw what they show.
@@ -103,4 +106,6 @@ class CameraTiming:
             Mean row, 0 to 1.
         """
         lever = row if self.stamped == "start" else 1.0 - row
-        return math.hypot(0.5 * self.exposure_s.sigma, lever * self.readout_s.sigma)
+        return math.hypot(
+            0.5 * self.exposure_s.sigma, lever * self.readout_s.sigma, self.known_sigma_s
+        )
