@@ -41,7 +41,7 @@ class About(_Section):
     data: str | None = None
     """Folder of the dataset that episodes go to, from the rig file's own folder."""
     calibration: list[str] = []
-    """Calibration files, from the rig file's own folder; a later one wins."""
+    """Calibration files, from the rig file's own folder."""
 
 
 class Controls(_Section):

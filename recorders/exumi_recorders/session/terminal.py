@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 __all__ = ["draw_status", "status_document"]
 
 _SHOWN = ("magnet", "agc", "dialect", "from_headset_m", "world_frame")
-_SLOW = 0.8
 _OLD_S = 0.5
 
 
