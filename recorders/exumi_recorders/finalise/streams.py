@@ -40,7 +40,8 @@ def finish_stream(name: str, stream: StreamHeader, log: LogReader, context: Cont
     context.counts[name] = losses.count
     _note_damages(name, log.damages, context)
     if out is None:
-        context.note("stream-empty", "left out: not a single sample was recorded", name)
+        # It is no stream of the episode: the note cannot be about it (REF-001).
+        context.note("stream-empty", f"{name} is left out: not a single sample was recorded")
         return
     _finish_losses(name, stream, losses, out, context)
     if port.lossy is not None:

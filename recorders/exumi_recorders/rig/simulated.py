@@ -1,8 +1,8 @@
 """``--rig simulated``: an exUMI gripper whose devices are programs that speak the real protocols.
 
 The drivers are those of real devices: the headset sends datagrams over UDP, the cameras deliver
-JPEG files over UNIX sockets, the encoder is a chip on a bus. All are moved by one simulated session,
-so everything that is recorded can be compared with the truth.
+JPEG files over UNIX sockets, the encoder is a chip on a bus. One simulated session moves them all, so
+everything that is recorded can be compared with the truth.
 """
 
 import contextlib
@@ -38,6 +38,7 @@ _CAMERAS = ("tactile_left", "tactile_right", "rgb")
 _HEADSET_RATE = 90
 _HEADSET_LAG_S = 0.010
 _SETTLE_S = 2.0
+_REST_S = 30.0
 _START_S = 30.0
 # Wider than the simulated gripper opens, and below what an uncertain zero makes of closed.
 _MAPPED_M = (-0.002, 0.1)
@@ -62,7 +63,7 @@ class SimulatedSettings:
     """
 
     seed: int = 7
-    seconds: float = 60.0
+    seconds: float = 120.0
     frame_width: int = 320
     taps: int = 0
     toggles_s: tuple[float, ...] = ()
@@ -173,7 +174,7 @@ def _headset(settings: SimulatedSettings, port: int, epoch_ns: int) -> dict[str,
         "port": port,
         "dialect": "d",
         "rate_hz": _HEADSET_RATE,
-        "duration_s": 3600.0,
+        "duration_s": settings.seconds + _REST_S,
         "epoch_ns": epoch_ns,
         "session": {
             "seed": settings.seed,

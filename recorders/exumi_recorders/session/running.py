@@ -26,7 +26,7 @@ from exumi_recorders.session.session import Message, Session
 __all__ = ["make_recorder", "open_rig", "open_session"]
 
 _MOST_SIMULATED_S = 300.0
-_LEAST_SIMULATED_S = 60.0
+_LEAST_SIMULATED_S = 120.0
 
 
 @contextlib.contextmanager

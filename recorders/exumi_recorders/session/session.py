@@ -34,6 +34,7 @@ _PERIOD_S = 0.1
 _STATUS_S = 0.25
 _UNDO_S = 10.0
 _ROOM_S = 2.0
+_PATIENCE_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +185,7 @@ class Session:
         self._open_problems: set[tuple[str, str]] = set()
         self._room_s = float("inf")
         self._room_at = 0.0
+        self._opened = time.monotonic()
         self._flag_device = rig.controls.flag
 
     def command(self, name: CommandName, reason: str = "") -> None:
@@ -291,8 +293,15 @@ class Session:
         elif self._state == "waiting":
             if self._plan.episodes is not None and self._kept >= self._plan.episodes:
                 self._state = "ended"
-            elif self._next_auto is not None and now >= self._next_auto:
+            elif self._next_auto is not None and now >= self._next_auto and self._is_ready(now):
                 self._start()
+
+    def _is_ready(self, now: float) -> bool:
+        """Whether all streams have begun, or have had time enough to: for who starts by itself."""
+        streams = self._recorder.status().streams
+        return now >= self._opened + _PATIENCE_S or all(
+            stream.rate_hz is not None for stream in streams
+        )
 
     # ---------------------------------------------------------------------------------- an episode
 
