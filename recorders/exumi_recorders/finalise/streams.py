@@ -9,6 +9,7 @@ from exumi_recorders.finalise.columns import Columns
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.files import write_files
 from exumi_recorders.finalise.losses import MOST_GAPS, Losses
+from exumi_recorders.finalise.pipeline import ahead
 from exumi_recorders.finalise.rows import write_rows
 from exumi_recorders.journal.header import StreamHeader, port_of
 from exumi_recorders.journal.reading import Damage, LogReader
@@ -33,9 +34,9 @@ def finish_stream(name: str, stream: StreamHeader, log: LogReader, context: Cont
     losses = Losses(port.modulus)
     columns = Columns(port, clock, losses)
     if isinstance(port.payload, Rows):
-        out = write_rows(name, stream.device, port, clock, log, columns, context)
+        out = write_rows(name, stream.device, port, clock, ahead(log), columns, context)
     else:
-        out = write_files(name, port, clock, log, columns, context)
+        out = write_files(name, port, clock, ahead(log), columns, context)
     columns.finish()
     context.counts[name] = losses.count
     _note_damages(name, log.damages, context)
