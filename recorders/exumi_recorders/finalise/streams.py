@@ -39,9 +39,11 @@ def finish_stream(name: str, stream: StreamHeader, log: LogReader, context: Cont
         out = write_files(name, port, clock, ahead(log), columns, context)
     columns.finish()
     context.counts[name] = losses.count
-    _note_damages(name, log.damages, context)
     if out is None:
-        context.note("stream-empty", "left out: not a single sample was recorded", name)
+        # A note cannot be one of a stream that is not there.
+        context.note("stream-empty", f"{name} is left out: not a single sample was recorded")
+    _note_damages(name, log.damages, context, is_there=out is not None)
+    if out is None:
         return
     _finish_losses(name, stream, losses, out, context)
     if port.lossy is not None:
@@ -50,7 +52,7 @@ def finish_stream(name: str, stream: StreamHeader, log: LogReader, context: Cont
         source.lossy = [*(source.lossy or []), step]
 
 
-def _note_damages(name: str, damages: list[Damage], context: Context) -> None:
+def _note_damages(name: str, damages: list[Damage], context: Context, *, is_there: bool) -> None:
     if not damages:
         return
     known = sum(damage.lost or 0 for damage in damages)
@@ -62,9 +64,9 @@ def _note_damages(name: str, damages: list[Damage], context: Context) -> None:
     more = len(damages) - _DAMAGES_SHOWN
     context.note(
         "journal-damaged",
-        f"{length} bytes of the journal hold no whole record, {known} or more samples are lost: "
-        f"{where}{f' and {more} more' if more > 0 else ''}",
-        name,
+        f"{length} bytes of the journal of {name} hold no whole record, {known} or more samples are "
+        f"lost: {where}{f' and {more} more' if more > 0 else ''}",
+        name if is_there else None,
     )
 
 

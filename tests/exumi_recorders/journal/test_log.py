@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exumi_recorders.journal import log as log_module
 from exumi_recorders.journal.log import LogWriter, is_full, segment_name
 from exumi_recorders.journal.reading import LogReader
 from exumi_recorders.journal.record import (
@@ -227,12 +226,10 @@ def test_a_full_disk_leaves_whole_records(tmp_path: Path, monkeypatch: pytest.Mo
     def write(descriptor: int, data: memoryview) -> int:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(log_module.os, "writev", writev)
+    monkeypatch.setattr(os, "writev", writev)
     with monkeypatch.context() as patch:
         real = os.write
-        patch.setattr(
-            log_module.os, "write", lambda fd, data: write(fd, data) if written else real(fd, data)
-        )
+        patch.setattr(os, "write", lambda fd, data: write(fd, data) if written else real(fd, data))
         with pytest.raises(OSError, match="No space") as caught:
             log.append(pieces([1, 2, 3], [b"b" * 50, b"c" * 50, b"d" * 50]))
     assert is_full(caught.value)
