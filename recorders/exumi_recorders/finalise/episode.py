@@ -21,6 +21,7 @@ from exumi_data.store.plain_files import read_plain
 from exumi_recorders.finalise.clocks import epoch_of
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.events import EventSummary, read_events
+from exumi_recorders.finalise.pipeline import synced_early
 from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.finalise.streams import finish_stream
 from exumi_recorders.finalise.verify import verify
@@ -258,10 +259,11 @@ def _write(
     with EpisodeWriter(target, metadata, before_rename=partial(verify, counts=counts)) as writer:
         context = Context(writer, header.t0_monotonic_ns, events, arrays, counts)
         _copy_arrays(context)
-        for name, stream in header.streams.items():
-            log = _log(journal, header, name)
-            finish_stream(name, stream, log, context)
-            damages += log.damages
+        with synced_early(target.with_name(f".partial-{metadata.id}")):
+            for name, stream in header.streams.items():
+                log = _log(journal, header, name)
+                finish_stream(name, stream, log, context)
+                damages += log.damages
         damages += [*events_log.damages, *clock_log.damages]
         if epoch.note is not None:
             writer.metadata.quality.append(epoch.note)

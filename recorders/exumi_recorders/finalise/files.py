@@ -117,7 +117,8 @@ def write_files(
             reference.take(out.count, beside["time_host"], files)
         out.append(beside.pop("time"), [form.value(file) for file in files], **beside)
     if left_out:
-        context.note("files-left-out", f"{left_out} payloads were {form.text}", name)
+        text = f"{left_out} payloads of {name} were {form.text}"
+        context.note("files-left-out", text, None if out is None else name)
     if out is not None:
         set_rig_reference(out, name, context, reference)
     return out

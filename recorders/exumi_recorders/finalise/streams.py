@@ -9,6 +9,7 @@ from exumi_recorders.finalise.columns import Columns
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.files import write_files
 from exumi_recorders.finalise.losses import MOST_GAPS, Losses
+from exumi_recorders.finalise.pipeline import ahead
 from exumi_recorders.finalise.rows import write_rows
 from exumi_recorders.journal.header import StreamHeader, port_of
 from exumi_recorders.journal.reading import Damage, LogReader
@@ -33,15 +34,16 @@ def finish_stream(name: str, stream: StreamHeader, log: LogReader, context: Cont
     losses = Losses(port.modulus)
     columns = Columns(port, clock, losses)
     if isinstance(port.payload, Rows):
-        out = write_rows(name, stream.device, port, clock, log, columns, context)
+        out = write_rows(name, stream.device, port, clock, ahead(log), columns, context)
     else:
-        out = write_files(name, port, clock, log, columns, context)
+        out = write_files(name, port, clock, ahead(log), columns, context)
     columns.finish()
     context.counts[name] = losses.count
-    _note_damages(name, log.damages, context)
     if out is None:
-        # It is no stream of the episode: the note cannot be about it (REF-001).
+        # A note cannot be one of a stream that is not there.
         context.note("stream-empty", f"{name} is left out: not a single sample was recorded")
+    _note_damages(name, log.damages, context, is_there=out is not None)
+    if out is None:
         return
     _finish_losses(name, stream, losses, out, context)
     if port.lossy is not None:
@@ -50,7 +52,7 @@ def finish_stream(name: str, stream: StreamHeader, log: LogReader, context: Cont
         source.lossy = [*(source.lossy or []), step]
 
 
-def _note_damages(name: str, damages: list[Damage], context: Context) -> None:
+def _note_damages(name: str, damages: list[Damage], context: Context, *, is_there: bool) -> None:
     if not damages:
         return
     known = sum(damage.lost or 0 for damage in damages)
@@ -62,9 +64,9 @@ def _note_damages(name: str, damages: list[Damage], context: Context) -> None:
     more = len(damages) - _DAMAGES_SHOWN
     context.note(
         "journal-damaged",
-        f"{length} bytes of the journal hold no whole record, {known} or more samples are lost: "
-        f"{where}{f' and {more} more' if more > 0 else ''}",
-        name,
+        f"{length} bytes of the journal of {name} hold no whole record, {known} or more samples are "
+        f"lost: {where}{f' and {more} more' if more > 0 else ''}",
+        name if is_there else None,
     )
 
 

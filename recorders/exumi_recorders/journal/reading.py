@@ -33,6 +33,7 @@ _ROWS = 8192
 _MAGIC_NUMBER = np.uint32(int.from_bytes(MAGIC, "little"))
 # A file that is all magics would have each of them read as a record of many megabytes.
 _MOST_SEARCHED = 16
+_DIGITS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,23 +119,30 @@ class LogReader:
         self._open_damage = False
 
     def __iter__(self) -> Iterator[Block]:
-        for path in self._segments():
-            with _Segment(path) as segment:
+        expected = 0
+        for number in self._numbers():
+            if number > expected:
+                self._missing(expected)
+            expected = number + 1
+            with _Segment(self._folder / segment_name(number)) as segment:
                 yield from self._read(segment)
 
-    def _segments(self) -> list[Path]:
-        """Return the segments in order; one that is missing is a damage."""
+    def _numbers(self) -> list[int]:
+        """Return the numbers of the segments, in order."""
         try:
-            names = {entry.name for entry in os.scandir(self._folder) if _is_plain(entry)}
+            with os.scandir(self._folder) as entries:
+                names = [entry.name for entry in entries if _is_segment(entry)]
         except FileNotFoundError:
             self.damages.append(Damage(self._folder, 0, 0, None, "the log is not there"))
             return []
-        numbers = sorted(int(name[:-4]) for name in names if _is_segment(name))
-        for number in sorted(set(range(numbers[-1] + 1 if numbers else 1)) - set(numbers))[:100]:
-            path = self._folder / segment_name(number)
-            self.damages.append(Damage(path, 0, 0, None, "the segment is not there"))
-            self._open_damage = True
-        return [self._folder / segment_name(number) for number in numbers]
+        if not names:
+            self._missing(0)
+        return sorted(int(name[:_DIGITS]) for name in names)
+
+    def _missing(self, number: int) -> None:
+        path = self._folder / segment_name(number)
+        self.damages.append(Damage(path, 0, 0, None, "the segment is not there"))
+        self._open_damage = True
 
     def _read(self, segment: "_Segment") -> Iterator[Block]:
         if self._fixed is not None:
@@ -314,9 +322,7 @@ def _what(segment: _Segment, start: int, stop: int) -> str:
     return "no whole record follows" if stop == segment.size else "no record"
 
 
-def _is_plain(entry: "os.DirEntry[str]") -> bool:
-    return entry.is_file(follow_symlinks=False)
-
-
-def _is_segment(name: str) -> bool:
-    return len(name) == 10 and name.endswith(".log") and name[:6].isascii() and name[:6].isdigit()
+def _is_segment(entry: "os.DirEntry[str]") -> bool:
+    digits, dot, suffix = entry.name.partition(".")
+    named = len(digits) == _DIGITS and digits.isascii() and digits.isdigit()
+    return named and dot + suffix == ".log" and entry.is_file(follow_symlinks=False)

@@ -1,4 +1,4 @@
-"""A device whose samples are known: what was recorded can be told from what it sent."""
+"""A device that sends numbered samples: what was recorded can be told from what it sent."""
 
 import struct
 import time
@@ -57,7 +57,7 @@ def a_picture() -> bytes:
 
 
 def picture(number: int) -> bytes:
-    """A JPEG that says which one it is, in zeros and bytes after its end that decoders skip."""
+    """A JPEG whose comment says which one it is."""
     file = a_picture()
     comment = struct.pack(">4sQ", b"toy ", number)
     return file[:2] + b"\xff\xfe" + struct.pack(">H", 2 + len(comment)) + comment + file[2:]
