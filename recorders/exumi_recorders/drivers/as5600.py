@@ -336,9 +336,16 @@ def _open(open_bus: Callable[[], Bus], where: str) -> Bus:
 
 def _opener(options: As5600Options) -> Callable[[], Bus]:
     simulated = options.simulated
-    if simulated is not None:
-        return lambda: _simulated_bus(simulated, options.address)
-    return lambda: _real_bus(options.bus)
+    if simulated is None:
+        return lambda: _real_bus(options.bus)
+    made: list[Bus] = []  # one chip, however often it is opened
+
+    def open_bus() -> Bus:
+        if not made:
+            made.append(_simulated_bus(simulated, options.address))
+        return made[0]
+
+    return open_bus
 
 
 def _real_bus(number: int) -> Bus:

@@ -39,10 +39,14 @@ def gripper_counts(session: PlaySession, epoch_ns: int) -> Callable[[int], float
     callable
         From CLOCK_MONOTONIC (ns) to unwrapped counts; at rest before the start and after the end.
     """
-    times_s = np.arange(int(session.truth.duration_s * _LOOK_UP_HZ) + 2) / _LOOK_UP_HZ
     encoder = session.encoder
-    widths = session.truth.width_m(times_s)
-    table: array[float] = array("d", (encoder.zero_count + encoder.counts_per_m * widths).tolist())
+    points = int(session.truth.duration_s * _LOOK_UP_HZ) + 2
+    table: array[float] = array("d")
+    for start in range(0, points, _LOOK_UP_HZ):
+        # A second at a time: the truth compares every time with every motion of the session.
+        times_s = np.arange(start, min(start + _LOOK_UP_HZ, points)) / _LOOK_UP_HZ
+        widths = session.truth.width_m(times_s)
+        table.extend((encoder.zero_count + encoder.counts_per_m * widths).tolist())
     last = len(table) - 2
 
     def counts(now_ns: int) -> float:
