@@ -17,6 +17,7 @@ DRIVERS = "exumi.drivers"
 _BUILT_IN: Mapping[str, str] = MappingProxyType(
     {
         "9dtact": "exumi_recorders.drivers.camera_profiles:NINE_DTACT",
+        "alsa": "exumi_recorders.drivers.alsa",
         "digit": "exumi_recorders.drivers.camera_profiles:DIGIT",
         "gelsight-mini": "exumi_recorders.drivers.camera_profiles:GELSIGHT_MINI",
         "hdmi": "exumi_recorders.drivers.camera_profiles:HDMI",
