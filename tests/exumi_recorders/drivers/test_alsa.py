@@ -118,7 +118,7 @@ def test_it_is_registered() -> None:
     assert isinstance(DRIVER.make(DRIVER.options()), SoundDriver)
 
 
-# ----------------------------------------------------------------------- ALSA itself, without a card
+# ---------------------------------------------------------------------- ALSA itself, without a card
 
 
 def library() -> bool:
