@@ -18,6 +18,7 @@ _BUILT_IN: Mapping[str, str] = MappingProxyType(
     {
         "9dtact": "exumi_recorders.drivers.camera_profiles:NINE_DTACT",
         "as5600": "exumi_recorders.drivers.as5600",
+        "alsa": "exumi_recorders.drivers.alsa",
         "digit": "exumi_recorders.drivers.camera_profiles:DIGIT",
         "gelsight-mini": "exumi_recorders.drivers.camera_profiles:GELSIGHT_MINI",
         "hdmi": "exumi_recorders.drivers.camera_profiles:HDMI",
