@@ -255,8 +255,10 @@ class As5600:
     def _after(self, due_ns: int, now_ns: int) -> int:
         """Return when the next sample is due: on the schedule, leaving out what is past."""
         due_ns += self._period_ns
-        if due_ns + self._period_ns <= now_ns:
-            missed = (now_ns - due_ns) // self._period_ns
+        # Right after a late sample the next one would tell nothing new.
+        earliest_ns = now_ns + self._period_ns // 4
+        if due_ns < earliest_ns:
+            missed = -((due_ns - earliest_ns) // self._period_ns)
             self._lost["late"] += missed
             due_ns += missed * self._period_ns
         return due_ns

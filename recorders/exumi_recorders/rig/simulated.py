@@ -1,7 +1,7 @@
 """``--rig simulated``: an exUMI gripper whose devices are programs that speak the real protocols.
 
 The drivers are those of real devices: the headset sends datagrams over UDP, the cameras deliver
-JPEG files over UNIX sockets, the encoder is a chip on a bus. One simulated session moves them all, so
+JPEG files over UNIX sockets, the encoder is a chip on a bus. One simulated session moves them all:
 everything that is recorded can be compared with the truth.
 """
 
