@@ -77,6 +77,7 @@ def test_the_released_file(tmp_path: Path) -> None:
     assert stated.at(np.array([0, 90, 4010]), 4096) == pytest.approx([0.07, 0.08, 0.06])
     assert "run over 4095" in (item.procedure or "")
     assert item.unit == "m"
+    assert item.value["range_m"] == [0.03, 0.08]
     assert item.uncertainty is not None
     assert item.uncertainty > 5e-4
 
