@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from exumi_data.cli import convert, demo, index_group, info, pack, prepare, stats, validate
+from exumi_data.cli import attach, convert, demo, index_group, info, pack, prepare, stats, validate
 from exumi_data.cli.failures import (
     ReportingGroup,
     escape_what_cannot_be_printed,
@@ -33,6 +33,7 @@ app = typer.Typer(
 )
 
 app.command("demo", epilog=demo.EPILOG)(demo.run)
+app.command("attach", epilog=attach.EPILOG)(attach.run)
 app.command("convert", epilog=convert.EPILOG)(convert.run)
 app.command("prepare", epilog=prepare.EPILOG)(prepare.run)
 app.add_typer(index_group.app, name="index")

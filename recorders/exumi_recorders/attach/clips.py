@@ -97,6 +97,13 @@ class ClipFrames:
     problem: str | None
 
     @property
+    def span_ns(self) -> tuple[int, int]:
+        """The first frame, and the end of the last one, on the clip's clock."""
+        scale = Fraction(self.file.time_base) * 1_000_000_000
+        period = float(np.median(np.diff(self.pts))) if len(self.pts) > 1 else 0.0
+        return round(int(self.pts[0]) * scale), round((int(self.pts[-1]) + round(period)) * scale)
+
+    @property
     def as_input(self) -> InputFile:
         """The file as an input of an episode."""
         return InputFile(name=self.file.name, sha256=self.file.sha256, bytes=self.file.bytes)

@@ -176,7 +176,12 @@ def _gyro_stream(stream: memoryview) -> tuple[NDArray[np.float64], int | None] |
     for record in _records(stream):
         if record.key == b"SCAL":
             found = _numbers(record)
-            if found is None or not found.size or not np.isfinite(found).all() or (found == 0).any():
+            if (
+                found is None
+                or not found.size
+                or not np.isfinite(found).all()
+                or (found == 0).any()
+            ):
                 return None
             scale = found.reshape(-1)
         elif record.key == b"TSMP":
@@ -184,7 +189,12 @@ def _gyro_stream(stream: memoryview) -> tuple[NDArray[np.float64], int | None] |
             total = None if found is None or not found.size else int(found.flat[0])
         elif record.key == b"GYRO":
             values = _numbers(record)
-            if values is None or values.ndim != 2 or values.shape[1] != 3 or len(scale) not in (1, 3):
+            if (
+                values is None
+                or values.ndim != 2
+                or values.shape[1] != 3
+                or len(scale) not in (1, 3)
+            ):
                 return None
             values = values / scale
             sound = np.isfinite(values).all() and (np.abs(values) < _FASTEST_RAD_PER_S).all()

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from exumi_recorders.attach.motion import Turning
 from exumi_recorders.attach.placing import (
     Fit,
     Placement,
@@ -18,10 +19,10 @@ from exumi_recorders.attach.placing import (
     place,
     still,
 )
-from exumi_recorders.attach.motion import Turning
 
 __all__ = ["Candidate", "CommonClock", "Match", "match_clips"]
 
+_NO_GYRO = "it has no gyroscope; sweep a marker before the camera: exumi calibrate latency"
 _SURE = 0.9
 _LIKELY = 0.6
 # How much more the next best place has to leave unexplained: demonstrations of a task are alike.
@@ -177,7 +178,7 @@ def len_s(turning: Turning) -> float:
 def _alone(curve: SessionCurve, clip: Candidate) -> Match:
     """Place a clip by itself, if that leaves no doubt."""
     if clip.turning is None:
-        return Match(clip, reason="it has no gyroscope")
+        return Match(clip, reason=_NO_GYRO)
     silent = still(clip.turning)
     if silent:
         return Match(clip, reason=silent)
@@ -262,7 +263,9 @@ def _once_more(
 
 def _common_clock(matches: Sequence[Match]) -> CommonClock | None:
     """Return what most of the placed clips' clocks agree on."""
-    ahead = np.array([_ahead_s(match) for match in _placed(matches) if match.clip.clock_s is not None])
+    ahead = np.array(
+        [_ahead_s(match) for match in _placed(matches) if match.clip.clock_s is not None]
+    )
     if len(ahead) < _LEAST_CLOCKS:
         return None
     apart = np.abs(_around_zero(ahead[:, None] - ahead[None, :])) <= _ALIKE_S

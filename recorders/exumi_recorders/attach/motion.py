@@ -133,6 +133,4 @@ def of_gyro(gyro: GyroTrack) -> Turning:
         ],
         axis=1,
     )
-    return Turning(
-        np.rint(middle * 1e9).astype(np.int64), np.linalg.norm(turned, axis=1) / SPAN_S
-    )
+    return Turning(np.rint(middle * 1e9).astype(np.int64), np.linalg.norm(turned, axis=1) / SPAN_S)

@@ -114,9 +114,7 @@ class SessionCurve:
 
     def __init__(self, turning: Turning, longest_s: float) -> None:
         self.turning = turning
-        grid = sampled(
-            turning.time_ns, turning.rad_per_s, step_ns=_STEP_NS, max_gap_ns=_MAX_GAP_NS
-        )
+        grid = sampled(turning.time_ns, turning.rad_per_s, step_ns=_STEP_NS, max_gap_ns=_MAX_GAP_NS)
         self._sliding = SlidingCorrelation(grid, int(longest_s * 1e9) // _STEP_NS + 2)
 
     def fit(self, clip: Turning, allowed: Allowed | None = None) -> Fit | None:
@@ -203,7 +201,9 @@ def place(session: Turning, clip: Turning, offset_ns: int) -> Placement | None:
     length_s = float(shifted[-1] - shifted[0]) * 1e-9
     drift = _drift(moment_s, away_s, sigma_s)
     allowed = _AGREE_S + _AGREE_SIGMAS * sigma_s + _MOST_DRIFT * length_s
-    useful = drift is not None and drift[2] < _USEFUL_DRIFT_PPM and abs(drift[1]) < 1e6 * _MOST_DRIFT
+    useful = (
+        drift is not None and drift[2] < _USEFUL_DRIFT_PPM and abs(drift[1]) < 1e6 * _MOST_DRIFT
+    )
     known = drift if useful else None
     middle = int(clip.time_ns[0] + clip.time_ns[-1]) // 2
     return Placement(

@@ -1,11 +1,10 @@
-"""A hub run of many demonstrations, simulated: what the hand does, and the episode that is recorded.
+"""A hub run of many demonstrations, simulated: what the hand does, and what the hub records.
 
 Between two demonstrations the hand comes back and waits. The truth is known at every instant.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -61,21 +60,6 @@ class Demonstrations:
     duration_s: float
     truths: tuple[Truth, ...]
 
-    @cached_property
-    def _pauses(self) -> list[tuple[float, float, Float64Array, Float64Array]]:
-        """Start, end, and the poses on both sides."""
-        first, last = self.truths[0].pose(0.0)[0], None
-        edges, poses = [0.0], [first]
-        for (start, stop), truth in zip(self.spans_s, self.truths, strict=True):
-            edges += [start, stop]
-            last = truth.pose(stop - start)[0]
-            poses += [truth.pose(0.0)[0], last]
-        edges.append(self.duration_s)
-        poses.append(poses[-1])
-        return [
-            (edges[i], edges[i + 1], poses[i], poses[i + 1]) for i in range(0, len(edges), 2)
-        ]
-
     def pose(self, t_s: ArrayLike) -> Float64Array:
         """Return the hand's poses, (N, 7): x y z qx qy qz qw, metres.
 
@@ -85,20 +69,10 @@ class Demonstrations:
             Seconds of the session.
         """
         times = np.atleast_1d(np.asarray(t_s, np.float64))
-        poses = np.empty((len(times), 7))
-        for (start, stop), truth in zip(self.spans_s, self.truths, strict=True):
-            inside = (times >= start) & (times <= stop)
-            if inside.any():
-                poses[inside] = truth.pose(times[inside] - start)
-        for start, stop, before, after in self._pauses:
-            inside = (times >= start) & (times < stop)
-            if inside.any():
-                share = minimum_jerk((times[inside] - start) / max(stop - start, 1e-9))
-                poses[inside] = _between(before, after, share)
-        return poses
+        return self._joined(times, lambda truth, at: truth.pose(at), _between)
 
     def width_m(self, t_s: ArrayLike) -> Float64Array:
-        """Return the gripper's opening, (N,) metres; it stays as it is between demonstrations.
+        """Return the gripper's opening, (N,) metres.
 
         Parameters
         ----------
@@ -106,12 +80,33 @@ class Demonstrations:
             Seconds of the session.
         """
         times = np.atleast_1d(np.asarray(t_s, np.float64))
-        widths = np.full(len(times), self.truths[0].width_m(0.0)[0])
-        for (start, stop), truth in zip(self.spans_s, self.truths, strict=True):
-            later = times >= start
-            if later.any():
-                widths[later] = truth.width_m(np.minimum(times[later], stop) - start)
-        return widths
+        return self._joined(
+            times,
+            lambda truth, at: truth.width_m(at),
+            lambda before, after, share: before + share * (after - before),
+        )
+
+    def _joined(
+        self,
+        times: Float64Array,
+        during: Callable[[Truth, Float64Array], Float64Array],
+        pause: Callable[[Float64Array, Float64Array, Float64Array], Float64Array],
+    ) -> Float64Array:
+        """Evaluate demonstrations, and smooth ways from the end of each to the next one's start."""
+        zero = np.zeros(1)
+        stop, before = 0.0, during(self.truths[0], zero)[0]
+        values = np.empty((len(times), *np.shape(before)))
+        for (start, end), truth in zip(self.spans_s, self.truths, strict=True):
+            waiting = (times >= stop) & (times < start)
+            share = minimum_jerk((times[waiting] - stop) / (start - stop))
+            values[waiting] = pause(before, during(truth, zero)[0], share)
+            inside = (times >= start) & (times < end)
+            if inside.any():
+                values[inside] = during(truth, times[inside] - start)
+            stop, before = end, during(truth, np.array([end - start]))[0]
+        values[times >= stop] = before
+        values[times < 0.0] = during(self.truths[0], zero)[0]
+        return values
 
     def rad_per_s(self, t_s: ArrayLike) -> Float64Array:
         """Return the hand's angular velocity about its own axes, (N, 3).
@@ -187,7 +182,8 @@ def write_hub_session(
         regime="demonstration",
         calibration={
             "width_encoder": CalibrationItem(
-                value={"zero_count": encoder.zero_count, "counts_per_m": encoder.counts_per_m}
+                value={"zero_count": encoder.zero_count, "counts_per_m": encoder.counts_per_m},
+                method="known: it is the simulator's own",
             )
         },
         licence="CC0-1.0",
@@ -248,9 +244,7 @@ def _write_width(
     encoder: WidthEncoder,
     rng: np.random.Generator,
 ) -> None:
-    time, _ = sample_times_ns(
-        rng, demonstrations.duration_s, _WIDTH_HZ, jitter_s=1e-4, drop=0.0
-    )
+    time, _ = sample_times_ns(rng, demonstrations.duration_s, _WIDTH_HZ, jitter_s=1e-4, drop=0.0)
     raw = encoder.counts(demonstrations.width_m(time * 1e-9))
     stream = writer.add_stream(
         "width",
@@ -290,7 +284,5 @@ def _write_tactile(
     chosen: Sequence[bytes] = [
         files[number % 16] + number.to_bytes(4, "big") for number in range(len(time))
     ]
-    stream.append(
-        time, chosen, time_host=time + _MONOTONIC_NS, sequence=sequence.astype(np.uint64)
-    )
+    stream.append(time, chosen, time_host=time + _MONOTONIC_NS, sequence=sequence.astype(np.uint64))
     stream.set_reference(quiet, method="captured", contact_free=True)

@@ -47,7 +47,7 @@ class SimulatedGoPro:
     drift_ppm: float = 0.0
     clock_s: float = 0.0
 
-    def film(  # noqa: PLR0913  # what, when and whereto
+    def film(  # what, when and whereto
         self,
         path: Path,
         demonstrations: Demonstrations,
