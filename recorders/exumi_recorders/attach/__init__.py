@@ -1,4 +1,4 @@
-"""Clips of a camera that the hub does not see, attached to the session in which they were filmed."""
+"""Clips of a camera that the hub does not see, attached to the session of which they are."""
 
 from exumi_recorders.attach.report import AttachReport, ClipReport, MissingReport
 from exumi_recorders.attach.run import AttachOptions, attach

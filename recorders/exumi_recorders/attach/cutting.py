@@ -100,7 +100,7 @@ def cut_stream(session: Episode, name: str, writer: EpisodeWriter, stretch: Stre
     else:
         _append_samples(session, view, stream, slice(first, last), stretch.origin_ns)
     _carry_whole(view, stream, first, last)
-    return last - first
+    return int(last - first)
 
 
 def _append_samples(

@@ -119,8 +119,7 @@ def read_gyro(payloads: Sequence[Payload]) -> GyroTrack | None:
             continue
         count = len(part.values)
         first = before if part.total is None else part.total - count
-        if first < before:  # its count cannot be right
-            first = before
+        first = max(first, before)  # a count that goes back cannot be right
         before = first + count
         parts.append(part)
         places.append((payload.start_s, payload.duration_s, first))

@@ -126,7 +126,7 @@ class CommonClock:
 
     def away_s(self, clock_s: float, session_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return by how much places of a clip differ from what its clock says, seconds."""
-        return _around_zero(clock_s - session_ns * 1e-9 - self.ahead_s)
+        return _around_zero(np.asarray(clock_s - session_ns * 1e-9 - self.ahead_s, np.float64))
 
     @property
     def window_s(self) -> float:

@@ -32,8 +32,9 @@ __all__ = ["TOOL", "Attachment", "describe", "episode_id", "offset_sigma_s", "wr
 TOOL = "exumi attach"
 _CONVERTER = "attach/1"
 _MARGIN_SHORT_NS = 100_000_000
-CAMERA_SIGMA_S = 2e-3
-"""How well a camera's gyroscope is in step with its pictures: taken to be so, not measured."""
+CAMERA_SIGMA_S = 5e-3
+"""How well a camera's pictures are in step with its gyroscope: their exposure and readout are not
+known. Taken to be so, not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -196,13 +196,13 @@ def write_hub_session(
     return path
 
 
-def _clock(**terms: int) -> Clock:
+def _clock(latency_ns: int = 0) -> Clock:
     return Clock(
         source="hub_monotonic",
         stamp_point="simulated",
         t_ref_ns=_MONOTONIC_NS,
         raw_time="time_host",
-        **terms,
+        latency_ns=latency_ns,
     )
 
 
