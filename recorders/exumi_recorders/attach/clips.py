@@ -22,8 +22,20 @@ from exumi_data.store.digest import sha256_file
 from exumi_data.store.video import VideoDecoder, is_grey, probe_video
 from exumi_recorders.attach.gpmf import MAX_PAYLOAD_BYTES, GyroTrack, Payload, read_gyro
 
-__all__ = ["Clip", "ClipFrames", "find_clips", "list_frames", "read_clip", "timecode_s"]
+__all__ = [
+    "MAX_DURATION_S",
+    "Clip",
+    "ClipFrames",
+    "find_clips",
+    "list_frames",
+    "read_clip",
+    "timecode_s",
+]
 
+MAX_DURATION_S = 12 * 3600.0
+"""Of the longest clip that is looked at."""
+
+_BEYOND_S = 1.0
 _FIX = "Copy it again from the camera's card, or leave it out."
 _TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.])(\d{2,3})")
 # GX010123.MP4: chapter 01 of recording 0123; GOPR0123.MP4 and GP010123.MP4 are the older form.
@@ -43,11 +55,8 @@ class Clip:
         Of the file, below the folder that was searched.
     duration_s : float
         From the first frame to the end of the last one, as the container says.
-    frames : int
-        How many the container claims.
     timecode : str or None
         As it is written, such as ``10:31:07;12``.
-    created : datetime or None
     clock_s : float or None
         When it began by the camera's clock: seconds of the day, in some time zone.
     number : tuple of int or None
@@ -59,9 +68,7 @@ class Clip:
     path: Path
     name: str
     duration_s: float
-    frames: int
     timecode: str | None
-    created: datetime | None
     clock_s: float | None
     number: tuple[int, int] | None
     gyro: GyroTrack | None
@@ -184,18 +191,20 @@ def read_clip(path: Path, name: str) -> Clip:
         It is not a readable video.
     """
     with VideoDecoder(str(path), path) as decoder:
-        if decoder.rate is None or decoder.duration_s is None:
+        duration = decoder.duration_s
+        if decoder.rate is None or duration is None:
             raise SourceError("does not say how long it is", where=path, fix=_FIX)
+        if not 0 < duration < MAX_DURATION_S:
+            raise SourceError(f"claims to be {duration:.3g} s long", where=path, fix=_FIX)
         tags = decoder.tags
         gyro = read_gyro(list(_payloads(decoder)))
+        gyro = None if gyro is None else gyro.between(-_BEYOND_S, duration + _BEYOND_S)
         code = tags.get("timecode")
         return Clip(
             path=path,
             name=name,
-            duration_s=decoder.duration_s,
-            frames=decoder.declared_frames,
+            duration_s=duration,
             timecode=code,
-            created=_created(tags.get("creation_time")),
             clock_s=_clock_s(code, tags.get("creation_time"), decoder.rate),
             number=_number(path.name),
             gyro=gyro,

@@ -6,7 +6,7 @@ samples. Only what leads to the gyroscope is read; lengths that do not fit end t
 
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -75,6 +75,18 @@ class GyroTrack:
     sigma_s: float
     device: str = ""
     problem: str | None = None
+
+    def between(self, start_s: float, stop_s: float) -> "GyroTrack | None":
+        """Return the part from one time to another; None where there is none.
+
+        Parameters
+        ----------
+        start_s, stop_s : float
+        """
+        first, last = np.searchsorted(self.time_s, [start_s, stop_s])
+        if last - first < 2:
+            return None
+        return replace(self, time_s=self.time_s[first:last], rad_per_s=self.rad_per_s[first:last])
 
 
 class _Record(NamedTuple):

@@ -12,6 +12,7 @@ __all__ = ["Uncovered", "skipped_numbers", "uncovered"]
 
 _SHARE_OF_CLIP = 0.6
 _SHARE_OF_MOTION = 0.5
+_LEAST_PAUSES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +32,8 @@ class Uncovered:
 def uncovered(session: Turning, matches: Sequence[Match]) -> list[Uncovered]:
     """Find stretches that look as if a clip of them were missing.
 
-    They are as long as a short clip at least, and the hand turns in them about as much as it does
-    in the clips.
+    They are longer than what usually lies between two clips, by a short clip at least, and the hand
+    turns in them about as much as it does in the clips.
 
     Parameters
     ----------
@@ -49,9 +50,12 @@ def uncovered(session: Turning, matches: Sequence[Match]) -> list[Uncovered]:
     motion = float(np.median([_motion(session, start, stop) for start, stop in spans]))
     first, last = int(session.time_ns[0]), int(session.time_ns[-1])
     edges = [first, *(edge for span in spans for edge in span), last]
+    stretches = list(zip(edges[::2], edges[1::2], strict=True))
+    between = [max(0, stop - start) for start, stop in stretches[1:-1]]
+    pause = float(np.median(between)) if len(between) >= _LEAST_PAUSES else 0.0
     found = []
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        if stop - start < _SHARE_OF_CLIP * usual:
+    for start, stop in stretches:
+        if stop - start < pause + _SHARE_OF_CLIP * usual:
             continue
         if (
             _busiest(session, start, stop, round(_SHARE_OF_CLIP * usual))

@@ -1,6 +1,7 @@
 """Attach a folder of clips to the session in which they were filmed."""
 
 import errno
+import re
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -13,6 +14,7 @@ from exumi_data._version import __version__
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import ExumiError, UsageError
 from exumi_data.model import UNKNOWN_LICENCE, DatasetMetadata, MadeBy
+from exumi_data.model.base import STREAM_NAME
 from exumi_data.store.shards import open_array
 from exumi_recorders.attach.clips import Clip, find_clips, list_frames, read_clip
 from exumi_recorders.attach.destination import Destination, opened
@@ -30,6 +32,9 @@ from exumi_recorders.attach.writing import (
 )
 
 __all__ = ["AttachOptions", "attach"]
+
+_MOST_SESSION_S = 48 * 3600.0
+_NAME = re.compile(STREAM_NAME)
 
 OnProgress = Callable[[str, int, int], None]
 
@@ -115,6 +120,11 @@ def attach(
     options = options or AttachOptions()
     if not 0 <= options.margin_s <= 60:
         raise UsageError(f"Invalid margin ({options.margin_s:g}). It is 0 to 60 seconds")
+    if not _NAME.fullmatch(options.stream):
+        raise UsageError(
+            f"{options.stream!r} is no name of a stream",
+            fix="Names are lower-case letters, digits and _, and begin with a letter.",
+        )
     source, session, destination = Path(clips), Path(session), Path(destination)
     tell = on_progress or (lambda _what, _done, _total: None)
     with ExitStack() as stack:
@@ -158,6 +168,13 @@ def _open_session(path: Path, options: AttachOptions, stack: ExitStack) -> _Sess
     for name in options.without:
         episode[name]  # it is an error to leave out what is not there
     pose = pose_stream(episode, options.pose)
+    length_s = float(pose.time[-1] - pose.time[0]) * 1e-9 if len(pose) else 0.0
+    if not 0 < length_s < _MOST_SESSION_S:
+        raise UsageError(
+            f"its stream {pose.name!r} covers {length_s / 3600:.3g} h, sessions at most "
+            f"{_MOST_SESSION_S / 3600:g} h",
+            where=path,
+        )
 
     def rows(name: str, first: int, last: int) -> np.ndarray:
         return open_array(episode.store, f"streams/{pose.name}/{name}").rows(first, last)

@@ -3,7 +3,7 @@
 Between two demonstrations the hand comes back and waits. The truth is known at every instant.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -278,11 +278,8 @@ def _write_tactile(
         ),
         sensor=Sensor(model="simulated-gel", side="left"),
     )
-    noise = rng.integers(-6, 7, (16, *quiet.shape))
-    files = [jpeg.encode((quiet + one).astype(np.uint8), 80) for one in noise]
-    # A tail that no decoder reads tells the frames apart.
-    chosen: Sequence[bytes] = [
-        files[number % 16] + number.to_bytes(4, "big") for number in range(len(time))
+    files = [
+        jpeg.encode((quiet + rng.integers(-6, 7, quiet.shape)).astype(np.uint8), 80) for _ in time
     ]
-    stream.append(time, chosen, time_host=time + _MONOTONIC_NS, sequence=sequence.astype(np.uint64))
+    stream.append(time, files, time_host=time + _MONOTONIC_NS, sequence=sequence.astype(np.uint64))
     stream.set_reference(quiet, method="captured", contact_free=True)

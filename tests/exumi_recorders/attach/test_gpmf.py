@@ -85,6 +85,19 @@ def test_nonsense_is_no_gyroscope(payloads: list[Payload]) -> None:
     assert read_gyro(payloads) is None
 
 
+def test_a_count_that_cannot_be_right_stays_within_the_clip() -> None:
+    _, values, payloads = made()
+    far = gpmf_payload(values[:200], total=4_000_000_000)
+    payloads[-1] = Payload(payloads[-1].start_s, PAYLOAD_S, far)
+    found = read_gyro(payloads)
+    assert found is None or found.between(-1.0, 7.0) is None or len(found.time_s) < 2000
+    gyro = read(made()[2])
+    assert gyro.between(100.0, 200.0) is None
+    part = gyro.between(1.0, 2.0)
+    assert part is not None
+    assert len(part.time_s) == len(part.rad_per_s) == 200
+
+
 def test_scales_for_each_axis() -> None:
     plain = gpmf_payload(np.full((180, 3), 1.0), total=180)
     one = struct.pack(">4scBHh", b"SCAL", b"s", 2, 1, 939) + bytes(2)

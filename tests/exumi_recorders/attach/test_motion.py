@@ -23,7 +23,7 @@ def turning_poses(time_ns: np.ndarray, rad_per_s: float) -> np.ndarray:
 
 
 def times(count: int, rate_hz: float = 90.0) -> np.ndarray:
-    return np.rint(np.arange(count) * 1e9 / rate_hz).astype(np.int64)
+    return np.asarray(np.rint(np.arange(count) * 1e9 / rate_hz), np.int64)
 
 
 def test_an_even_turn_has_its_speed_whatever_the_signs() -> None:
