@@ -22,6 +22,8 @@ SPAN_S = 0.05
 """Time over which angular velocity is averaged: less shows a tracker's noise, more hides motion."""
 
 _MOST_SPANS = 2.0
+# Faster than a hand turns: the tracker was lost, or its world was set anew.
+_FASTEST_RAD_PER_S = 20.0
 _BLOCK = 1 << 16
 
 
@@ -58,7 +60,7 @@ def of_poses(time_ns: NDArray[np.int64], poses: NDArray[np.float64]) -> Turning:
     Returns
     -------
     Turning
-        Without the places where poses are missing.
+        Without the places where poses are missing or jump.
     """
     last = np.searchsorted(time_ns, time_ns + round(SPAN_S * 1e9))
     first = np.flatnonzero(last < len(time_ns))
@@ -75,8 +77,8 @@ def of_poses(time_ns: NDArray[np.int64], poses: NDArray[np.float64]) -> Turning:
     speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (span_ns * 1e-9)
     middle = time_ns[first] + span_ns // 2
     # Times that were nudged lie a nanosecond apart.
-    rising = np.diff(middle, prepend=middle[:1] - 1) > 0
-    return Turning(middle[rising], speed[rising])
+    sound = (np.diff(middle, prepend=middle[:1] - 1) > 0) & (speed < _FASTEST_RAD_PER_S)
+    return Turning(middle[sound], speed[sound])
 
 
 def of_pose_stream(stream: StreamView, reader: RowReader) -> Turning:

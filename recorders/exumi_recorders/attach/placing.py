@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exumi_data.synchronisation import search_lag
-from exumi_recorders.attach.correlation import SlidingCorrelation, sampled
+from exumi_recorders.attach.correlation import Sampled, SlidingCorrelation, sampled
 from exumi_recorders.attach.motion import SPAN_S, Turning
 
 __all__ = ["METHOD", "Fit", "Placement", "SessionCurve", "place", "still"]
@@ -17,15 +17,18 @@ Allowed = Callable[[NDArray[np.int64]], NDArray[np.bool_]]
 
 METHOD = "exumi-gyro-match/1"
 
+# What turns faster counts for little more: a tracker that jumps must not outweigh the motion.
+_FAST_RAD_PER_S = 3.0
 _STEP_NS = 20_000_000
 _MAX_GAP_NS = 250_000_000
 _OVERLAP = 0.6
 _APART_NS = 1_000_000_000
-_REACH_S = 0.25
+_REACH_S = 0.1
 _FINE_S = 0.005
 _PART_S = 10.0
 _MOST_PARTS = 30
 _PART_REACH_S = 0.1
+_LIVELY = 0.3
 # Clocks of cameras were seen to run off by 43 ppm.
 _MOST_DRIFT = 60e-6
 _AGREE_S = 0.004
@@ -114,7 +117,7 @@ class SessionCurve:
 
     def __init__(self, turning: Turning, longest_s: float) -> None:
         self.turning = turning
-        grid = sampled(turning.time_ns, turning.rad_per_s, step_ns=_STEP_NS, max_gap_ns=_MAX_GAP_NS)
+        grid = _on_grid(turning)
         self._sliding = SlidingCorrelation(grid, int(longest_s * 1e9) // _STEP_NS + 2)
 
     def fit(self, clip: Turning, allowed: Allowed | None = None) -> Fit | None:
@@ -131,7 +134,7 @@ class SessionCurve:
         Fit or None
             None where the two nowhere overlap, or only where it is not possible.
         """
-        grid = sampled(clip.time_ns, clip.rad_per_s, step_ns=_STEP_NS, max_gap_ns=_MAX_GAP_NS)
+        grid = _on_grid(clip)
         lag_ns, correlation = self._sliding.against(grid, overlap=_OVERLAP)
         here = correlation > -1.0
         if allowed is not None:
@@ -147,6 +150,15 @@ class SessionCurve:
             second=second,
             distinct=_unexplained(second) / max(_unexplained(float(correlation[best])), 1e-6),
         )
+
+
+def _on_grid(turning: Turning) -> Sampled:
+    values = _tamed(turning.rad_per_s)
+    return sampled(turning.time_ns, values, step_ns=_STEP_NS, max_gap_ns=_MAX_GAP_NS)
+
+
+def _tamed(rad_per_s: Float64Array) -> Float64Array:
+    return np.asarray(_FAST_RAD_PER_S * np.tanh(rad_per_s / _FAST_RAD_PER_S), np.float64)
 
 
 def _unexplained(correlation: float) -> float:
@@ -185,11 +197,13 @@ def place(session: Turning, clip: Turning, offset_ns: int) -> Placement | None:
     shifted = clip.time_ns + offset_ns
     margin = round(1e9 * (_REACH_S + SPAN_S))
     near = session.between(int(shifted[0]) - margin, int(shifted[-1]) + margin)
+    near = Turning(near.time_ns, _tamed(near.rad_per_s))
+    values = _tamed(clip.rad_per_s)
     whole = search_lag(
         near.time_ns,
         near.rad_per_s,
         shifted,
-        clip.rad_per_s,
+        values,
         max_lag_s=_REACH_S,
         step_s=_FINE_S,
     )
@@ -197,7 +211,7 @@ def place(session: Turning, clip: Turning, offset_ns: int) -> Placement | None:
         return None
     offset_ns += round(whole.offset_s * 1e9)
     shifted = clip.time_ns + offset_ns
-    moment_s, away_s, sigma_s = _parts(near, shifted, clip.rad_per_s)
+    moment_s, away_s, sigma_s = _parts(near, shifted, values)
     length_s = float(shifted[-1] - shifted[0]) * 1e-9
     drift = _drift(moment_s, away_s, sigma_s)
     allowed = _AGREE_S + _AGREE_SIGMAS * sigma_s + _MOST_DRIFT * length_s
@@ -212,7 +226,7 @@ def place(session: Turning, clip: Turning, offset_ns: int) -> Placement | None:
         t_ref_ns=middle if known else 0,
         drift_ppm=known[1] if known else 0.0,
         drift_sigma_ppm=known[2] if known else None,
-        correlation=_correlation(near, shifted, clip.rad_per_s),
+        correlation=_correlation(near, shifted, values),
         parts=len(away_s),
         disagreement_s=float(np.abs(away_s).max(initial=0.0)),
         agrees=bool((np.abs(away_s) <= allowed).all()),
@@ -226,9 +240,12 @@ def _parts(
     start, stop = int(shifted_ns[0]), int(shifted_ns[-1])
     count = int(np.clip((stop - start) * 1e-9 / _PART_S, 2, _MOST_PARTS))
     edges = np.linspace(start, stop, count + 1).astype(np.int64)
+    whole = float(np.std(values))
     found = []
     for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         near = session.between(first, last)
+        if len(near.rad_per_s) < 2 or np.std(near.rad_per_s) < _LIVELY * whole:
+            continue  # at rest, noise says where it fits best
         lag = search_lag(
             near.time_ns,
             near.rad_per_s,

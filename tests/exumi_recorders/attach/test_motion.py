@@ -46,6 +46,15 @@ def test_nothing_is_said_across_a_gap() -> None:
     assert found.rad_per_s == pytest.approx(1.0)
 
 
+def test_a_jump_is_no_motion() -> None:
+    time_ns = times(200)
+    poses = turning_poses(time_ns, 1.0)
+    poses[100:, 3:] = np.roll(poses[100:, 3:], 1, axis=1)
+    found = of_poses(time_ns, poses)
+    assert found.rad_per_s.max() < 20.0
+    assert len(found.time_ns) == 200 - 5 - 5
+
+
 def test_too_few_poses() -> None:
     for count in (0, 1, 3):
         assert len(of_poses(times(count), turning_poses(times(count), 1.0)).time_ns) == 0

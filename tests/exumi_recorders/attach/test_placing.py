@@ -100,6 +100,22 @@ def test_a_clip_with_a_jump_in_it_does_not_agree_with_itself() -> None:
     assert broken is None or not broken.agrees
 
 
+def test_a_tracker_that_jumps_does_not_hide_the_motion() -> None:
+    truth = hand(60.0)
+    session, clip = session_of(truth), clip_of(truth, 20.0, 8.0)
+    jumped = session.rad_per_s.copy()
+    inside = np.flatnonzero((session.time_ns > 21 * 10**9) & (session.time_ns < 27 * 10**9))
+    for at in inside[::270]:
+        jumped[at : at + 5] = 18.0
+    broken = Turning(session.time_ns, jumped)
+    fit = SessionCurve(broken, 8.0).fit(clip)
+    assert fit is not None
+    assert fit.correlation > 0.9
+    found = place(broken, clip, fit.offset_ns)
+    assert found is not None
+    assert found.to_session(0) * 1e-9 == pytest.approx(20.0, abs=5e-3)
+
+
 def test_another_hand_does_not_stand_out() -> None:
     session = session_of(hand(300.0))
     for seed in range(1, 6):
