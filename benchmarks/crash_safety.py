@@ -107,9 +107,6 @@ def judge(dataset: Path, began_ns: int, ended_ns: int) -> dict[str, Any]:
     mistakes = [one.message for one in validate(path).problems if one.severity == "error"]
     ages = {}
     with open_episode(path) as found:
-        began_ns = (
-            next(iter(found.streams.values())).metadata.clock.t_ref_ns if found.streams else 0
-        )
         for name, rate in RATES.items():
             period_ms = 1e3 / rate
             if name not in found:
