@@ -20,7 +20,7 @@ setup: $(STAMP)  ## a virtual environment in .venv with everything pinned
 $(STAMP): pyproject.toml constraints.txt exumi_data/_version.py
 	@$(PYTHON) scripts/check_python.py
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[train,test]"
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[train,record,test]"
 	@touch $(STAMP)
 
 demo: setup  ## a simulated play session: recorded, validated, measured, loaded, drawn

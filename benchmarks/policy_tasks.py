@@ -43,7 +43,9 @@ def one_run(work: Path, variant: Variant, sizes: Sizes, seed: int) -> dict[str, 
     outcomes = run(variant, data, sizes, seed)
     result = {name: [getattr(outcome, name) for outcome in outcomes] for name in ASKED}
     result["seconds"] = [round(time.perf_counter() - start, 1)]
-    kept.write_text(json.dumps(result), encoding="utf-8")
+    unfinished = kept.with_suffix(".unfinished")
+    unfinished.write_text(json.dumps(result), encoding="utf-8")
+    unfinished.rename(kept)
     print(f"{variant} {seed}: {sum(result['success'])} of {len(outcomes)}", file=sys.stderr)
     return result
 
@@ -51,8 +53,9 @@ def one_run(work: Path, variant: Variant, sizes: Sizes, seed: int) -> dict[str, 
 def _digest(sizes: Sizes) -> str:
     """Return a folder's name for what the runs are made from, code included."""
     digest = sha256(json.dumps(asdict(sizes)).encode())
-    for file in sorted((EXAMPLES / "touch_policy").glob("*.py")):
-        digest.update(file.read_bytes())
+    for folder in ("touch_policy", "tpp"):
+        for file in sorted((EXAMPLES / folder).glob("*.py")):
+            digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
 
 

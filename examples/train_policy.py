@@ -7,8 +7,9 @@ CPU core in minutes::
     python examples/train_policy.py FOLDER --variant tpp [--seed 0] [--steps 2500]
 
 Variants: ``vision`` does not feel; ``direct`` learns its tactile encoder with the policy; ``byol``
-and ``tpp`` have a frozen one, trained on play without labels. ``--encoder`` takes the weights of
-``train_tpp.py FOLDER/play --small --save FILE``. `examples/touch_policy` holds the parts, and
+and ``tpp`` have a frozen one, trained on play without labels. That of ``tpp`` comes from the
+predictor of ``train_tpp.py``: it is trained here, or ``--encoder`` takes what
+``train_tpp.py FOLDER/play --small --save FILE`` wrote. `examples/touch_policy` holds the parts, and
 ``benchmarks/policy_tasks.py`` compares the four.
 """
 

@@ -1,6 +1,6 @@
 """A minimal diffusion policy, and a simulated task in which touch decides.
 
 `world` is the task, `demonstrations` writes episodes of it, `encoders` trains tactile encoders
-without labels, `network` is the policy, `training` fits it to `PolicyWindows`, and `rollouts`
-runs it through `PolicyStream`.
+without labels, `diffusion` and `policy` are the policy and how it is fitted to `PolicyWindows`,
+`rollouts` runs it through `PolicyStream`, and `variants` puts all together.
 """

@@ -1,10 +1,10 @@
-"""A small diffusion over vectors: a network that takes noise out, and the two ends of it."""
+"""The network of a small diffusion over vectors; its schedule is that of `tpp.diffusion`."""
 
 import math
-from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
+from tpp.diffusion import add_noise, denoise
 
 __all__ = ["Denoiser"]
 
@@ -26,7 +26,7 @@ class _Block(nn.Module):
 
 
 class Denoiser(nn.Module):
-    """Draws vectors, given a context. It estimates the clean vector; the schedule is a cosine.
+    """Draws vectors, given a context. It estimates the clean vector.
 
     Parameters
     ----------
@@ -67,27 +67,14 @@ class Denoiser(nn.Module):
     def error(self, clean: Tensor, context: Tensor) -> Tensor:
         """Return the squared errors (B, size) of estimates at random times."""
         time = torch.rand(len(clean), device=clean.device)
-        signal, spread = _shares(time[:, None])
-        noisy = signal * clean + spread * torch.randn_like(clean)
+        noisy = add_noise(clean, torch.randn_like(clean), time)
         return torch.as_tensor((self(noisy, time, context) - clean).square())
 
     @torch.no_grad()
     def draw(self, context: Tensor, steps: int = 8) -> Tensor:
-        """Draw vectors (B, size), from noise in a few deterministic steps (DDIM)."""
-        noisy = clean = torch.randn(len(context), self.size, device=context.device)
-        for now, then in pairwise(torch.linspace(1, 0, steps + 1, device=context.device)):
-            clean = self(noisy, now.expand(len(noisy)), context)
-            signal, spread = _shares(now)
-            rest = (noisy - signal * clean) / spread
-            signal, spread = _shares(then)
-            noisy = signal * clean + spread * rest
-        return clean
-
-
-def _shares(time: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the shares of signal and noise; their squares sum up to 1."""
-    angle = time * (math.pi / 2)
-    return angle.cos(), angle.sin()
+        """Draw vectors (B, size), from noise in a few steps."""
+        noise = torch.randn(len(context), self.size, device=context.device)
+        return denoise(lambda noisy, time: self(noisy, time, context), noise, steps)
 
 
 def _waves(time: Tensor) -> Tensor:

@@ -1,7 +1,8 @@
 """The four policies that are compared, and how one of them is trained and judged."""
 
 import math
-from collections.abc import Sequence
+import shutil
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -14,7 +15,7 @@ from touch_policy.demonstrations import write_demonstrations, write_play
 from touch_policy.encoders import (
     FrozenEncoder,
     TactileEncoder,
-    load_tpp_encoder,
+    load_tpp,
     salient_images,
     train_byol,
     train_tpp,
@@ -28,6 +29,7 @@ __all__ = ["VARIANTS", "Data", "Sizes", "Variant", "make_data", "open_windows", 
 
 Variant = Literal["vision", "direct", "byol", "tpp"]
 VARIANTS: tuple[Variant, ...] = get_args(Variant)
+Write = Callable[[Path, int, int], exumi_data.Dataset]
 
 
 @dataclass(frozen=True)
@@ -61,14 +63,21 @@ class Data:
 
 def make_data(folder: Path, sizes: Sizes, seed: int = 0) -> Data:
     """Write the episodes into a folder, or open those that are there."""
-    writers = {"demonstrations": write_demonstrations, "play": write_play}
-    made = {}
-    for name, write in writers.items():
-        root = folder / name
-        found = exumi_data.open(root) if root.exists() else write(root, getattr(sizes, name), seed)
-        assert isinstance(found, exumi_data.Dataset)  # noqa: S101  # as it was written
-        made[name] = found
-    return Data(**made)
+    return Data(
+        _make("demonstrations", folder, write_demonstrations, sizes.demonstrations, seed),
+        _make("play", folder, write_play, sizes.play, seed),
+    )
+
+
+def _make(name: str, folder: Path, write: Write, count: int, seed: int) -> exumi_data.Dataset:
+    root, unfinished = folder / name, folder / f"{name}.unfinished"
+    if not root.exists():  # it is there whole, or not at all
+        shutil.rmtree(unfinished, ignore_errors=True)
+        write(unfinished, count, seed)
+        unfinished.rename(root)
+    dataset = exumi_data.open(root)
+    assert isinstance(dataset, exumi_data.Dataset)  # noqa: S101  # as it was written
+    return dataset
 
 
 def open_windows(demonstrations: exumi_data.Dataset) -> PolicyWindows:
@@ -119,7 +128,7 @@ def _encoder(
     if variant == "byol":
         return train_byol(play, steps, seed)
     if weights is not None:
-        return FrozenEncoder(load_tpp_encoder(weights), salient_images(play))
+        return load_tpp(weights, play)
     return train_tpp(play, steps, seed)
 
 

@@ -4,7 +4,19 @@ from typing import Annotated
 
 import typer
 
-from exumi_data.cli import convert, demo, index_group, info, pack, prepare, recover, stats, validate
+from exumi_data.cli import (
+    calibrate_group,
+    convert,
+    demo,
+    index_group,
+    info,
+    pack,
+    prepare,
+    record,
+    recover,
+    stats,
+    validate,
+)
 from exumi_data.cli.failures import (
     ReportingGroup,
     escape_what_cannot_be_printed,
@@ -33,10 +45,12 @@ app = typer.Typer(
 )
 
 app.command("demo", epilog=demo.EPILOG)(demo.run)
+app.add_typer(calibrate_group.app, name="calibrate")
 app.command("convert", epilog=convert.EPILOG)(convert.run)
 app.command("prepare", epilog=prepare.EPILOG)(prepare.run)
 app.add_typer(index_group.app, name="index")
 app.command("pack", epilog=pack.EPILOG)(pack.run)
+app.command("record", epilog=record.EPILOG)(record.run)
 app.command("recover", epilog=recover.EPILOG)(recover.run)
 app.command("validate", epilog=validate.EPILOG)(validate.run)
 app.command("stats", epilog=stats.EPILOG)(stats.run)

@@ -4,7 +4,7 @@ import os
 import re
 import shutil
 import weakref
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -31,8 +31,7 @@ from exumi_data.store.files import (
     sync_tree,
 )
 from exumi_data.store.images import MAX_FRAME_BYTES
-from exumi_data.store.shards import ArrayWriter
-from exumi_data.store.stream_copy import CopiedStream, copy_files
+from exumi_data.store.stream_copy import CopiedStream, copy_files, write_array
 from exumi_data.store.stream_writer import (
     AudioStreamWriter,
     DataStreamWriter,
@@ -43,7 +42,7 @@ from exumi_data.store.stream_writer import (
 from exumi_data.store.zarr_document import DTYPES, MAX_SHARD_BYTES
 
 if TYPE_CHECKING:
-    from exumi_data.episode import Episode
+    from exumi_data.episode import Episode, StreamView
 
 __all__ = ["EpisodeWriter"]
 
@@ -177,28 +176,60 @@ class EpisodeWriter:
         self._streams[name] = writer
         return writer
 
-    def copy_stream(self, episode: "Episode", name: str) -> None:
-        """Take over a stream of another episode as it is, byte for byte, under its own name.
+    def copy_stream(
+        self,
+        episode: "Episode",
+        name: str,
+        *,
+        changed: Mapping[str, np.ndarray] | None = None,
+        **fields: Any,
+    ) -> None:
+        """Take over a stream of another episode, byte for byte, under its own name.
 
         Parameters
         ----------
         episode : Episode
             The other episode; it should have been checked (`Episode.check_complete`).
         name : str
+        changed : mapping of str to ndarray, optional
+            Arrays of one value a sample that are written instead: `time`, `data` of widths, poses
+            and the like, `flags`, which may also be new. Whoever changes `time` states the `clock`
+            by which it was computed.
+        **fields
+            Fields of the stream's metadata that change, such as `clock`.
 
         Raises
         ------
         UsageError
-            The name is taken, or the other episode has no such stream.
+            The name is taken, the other episode has no such stream, an array has another length or
+            type, or times do not increase.
         DamagedDataError
             A file is cut short.
         """
         self._check_open()
         if name in self._streams:
             raise UsageError(f"stream {name!r} is there already", where=self.path)
-        model = episode[name].metadata
+        stream = episode[name]
+        for array, values in (changed or {}).items():
+            self._check_changed(stream, array, values)
+        model = stream.metadata.model_copy(update=fields)
         folder = self._partial / "streams" / name
-        self._streams[name] = CopiedStream(folder, episode.store, f"streams/{name}", model)
+        path = f"streams/{name}"
+        self._streams[name] = CopiedStream(folder, episode.store, path, model, changed)
+
+    def _check_changed(self, stream: "StreamView", array: str, values: np.ndarray) -> None:
+        where = f"{self.path}/streams/{stream.name}/{array}"
+        if array not in ("time", "data", "flags"):
+            raise UsageError("is what the device said, and is never changed", where=where)
+        there = stream.array(array) if array in stream.metadata.arrays else None
+        dtype = np.dtype(np.uint32) if there is None else there.dtype
+        shape = (len(stream),) if there is None else there.shape
+        if (values.shape, values.dtype) != (shape, dtype):
+            raise UsageError(
+                f"is {values.shape} {values.dtype}, expected {shape} {dtype}", where=where
+            )
+        if array == "time" and not (values[1:] > values[:-1]).all():
+            raise UsageError("does not increase", where=where)
 
     def copy_group(
         self,
@@ -256,7 +287,7 @@ class EpisodeWriter:
         groups = [root.joinpath(*parts[:depth]) for depth in range(len(parts))]
         if any((group / "c").exists() for group in groups[1:]):
             raise UsageError(f"calibration/{name} lies inside another array", where=self.path)
-        _write_array(root / name, array, tuple(names))
+        write_array(root / name, array, tuple(names))
         for group in groups:
             (group / "zarr.json").write_bytes(group_document())
 
@@ -413,7 +444,7 @@ class EpisodeWriter:
         for key, (values, _) in self._derived.items():
             first = "time" if key.endswith("/activity") else "index"
             others = (f"axis_{i}" for i in range(values.ndim - 1))
-            _write_array(root / key, values, (first, *others))
+            write_array(root / key, values, (first, *others))
         for stream in {key.partition("/")[0] for key in self._derived}:
             (root / stream / "zarr.json").write_bytes(group_document())
         self.derived.items = {key: item for key, (_, item) in self._derived.items()}
@@ -428,14 +459,3 @@ class EpisodeWriter:
         shutil.rmtree(self._partial, ignore_errors=True)
         self._done = True
         self._release()
-
-
-def _write_array(path: Path, values: np.ndarray, names: tuple[str, ...]) -> None:
-    writer = ArrayWriter(
-        path, values.dtype, values.shape[1:], chunk_rows=8192, zstd=True, dimension_names=names
-    )
-    try:
-        writer.append(values)
-        writer.finish()
-    finally:
-        writer.abort()

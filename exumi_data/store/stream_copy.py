@@ -1,12 +1,15 @@
 """A stream of another episode, taken over file by file: nothing is decoded or written anew."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
+
+import numpy as np
 
 from exumi_data.model.streams import StreamModel
 from exumi_data.store.access import Store
+from exumi_data.store.shards import ArrayWriter
 
-__all__ = ["CopiedStream", "copy_files"]
+__all__ = ["CopiedStream", "copy_files", "write_array"]
 
 _PIECE = 4 << 20
 
@@ -23,7 +26,9 @@ class CopiedStream:
     path : str
         The stream's path in it.
     model : StreamModel
-        Its metadata, taken over as they are.
+        Its metadata, taken over as they are, but for `arrays`.
+    changed : mapping of str to ndarray, optional
+        Arrays that are written instead of those of the same names, or beside them.
 
     Raises
     ------
@@ -31,10 +36,23 @@ class CopiedStream:
         A file is cut short.
     """
 
-    def __init__(self, folder: Path, store: Store, path: str, model: StreamModel) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        store: Store,
+        path: str,
+        model: StreamModel,
+        changed: Mapping[str, np.ndarray] | None = None,
+    ) -> None:
         self.name = folder.name
         self.model = model.model_copy(deep=True)
-        copy_files(store, path, folder)
+        anew = changed or {}
+        copy_files(store, path, folder, [f"{path}/{name}" for name in anew])
+        for name, values in anew.items():
+            names = ("time", *(f"{name}_{i}" for i in range(values.ndim - 1)))
+            write_array(folder / name, values, names)
+        added = [name for name in anew if name not in self.model.arrays]
+        self.model.arrays = [*self.model.arrays, *added]
 
     def finish(self) -> StreamModel:
         """Return the stream's metadata."""
@@ -82,3 +100,24 @@ def _copy(store: Store, member: str, target: Path) -> None:
     with target.open("xb") as file:
         for start in range(0, size, _PIECE):
             file.write(store.read_range(member, start, min(_PIECE, size - start)))
+
+
+def write_array(path: Path, values: np.ndarray, names: tuple[str, ...]) -> None:
+    """Write a whole array of low dimension.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Its folder; made here.
+    values : ndarray
+    names : tuple of str
+        Of the axes.
+    """
+    writer = ArrayWriter(
+        path, values.dtype, values.shape[1:], chunk_rows=8192, zstd=True, dimension_names=names
+    )
+    try:
+        writer.append(values)
+        writer.finish()
+    finally:
+        writer.abort()

@@ -5,7 +5,7 @@ frame* ``p_WF, R_WF`` into the room; with Q, which swaps y and z,
 
     p_rel = Q R_WF^T (p - p_WF)        R_rel = Q R_WF^T R Q^T
 
-is right-handed, with x to the right, y forward and z up as seen from the world frame. Both reference
+is right-handed: x to the right, y forward and z up, as seen from the world frame. Both reference
 frames of a pose are swapped, the parent and the child: R_rel is a rotation again.
 """
 

@@ -1,7 +1,9 @@
 """The policy example runs as it stands, its task is what it says, and its episodes are valid."""
 
+import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +11,16 @@ import numpy as np
 import pytest
 import torch
 
+from exumi_loaders import Normaliser
 from exumi_validators import validate
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 sys.path.insert(0, str(EXAMPLES))
 
-from touch_policy.demonstrations import demonstrate, start  # noqa: E402  # it lies there
+from touch_policy import variants  # noqa: E402  # it lies there
+from touch_policy.demonstrations import demonstrate, start  # noqa: E402
 from touch_policy.encoders import (  # noqa: E402
-    load_tpp_encoder,
+    load_tpp,
     salient_images,
     train_byol,
     train_tpp,
@@ -24,7 +28,7 @@ from touch_policy.encoders import (  # noqa: E402
 )
 from touch_policy.policy import DiffusionPolicy, train_policy  # noqa: E402
 from touch_policy.rollouts import roll_out  # noqa: E402
-from touch_policy.variants import Data, Sizes, make_data, wilson  # noqa: E402
+from touch_policy.variants import Data, Sizes, make_data, open_windows, wilson  # noqa: E402
 from touch_policy.world import TARGET_M, Ball, World, make_senses  # noqa: E402
 
 SIZES = Sizes(demonstrations=2, play=2, encoder_steps=2, steps=40, attempts=2)
@@ -40,15 +44,30 @@ def data(folder: Path) -> Data:
     return make_data(folder, SIZES)
 
 
-def run(folder: Path, *options: str | Path) -> subprocess.CompletedProcess[str]:
-    small = ("--encoder-steps", "2", "--steps", "3", "--attempts", "2")
+@pytest.fixture(scope="module")
+def weights(data: Data, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the other example writes: two steps of training."""
+    file = tmp_path_factory.mktemp("weights") / "weights.pt"
+    options = ("--small", "--steps", "2", "--held-out", "2", "--save", file)
+    done = start_example("train_tpp.py", str(data.play.path), *options)
+    assert done.returncode == 0, done.stderr
+    return file
+
+
+def start_example(name: str, *options: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, str(EXAMPLES / "train_policy.py"), folder, *small, *options],
+        [sys.executable, str(EXAMPLES / name), *options],
         capture_output=True,
         text=True,
         timeout=200,
         check=False,
+        env={**os.environ, "CUDA_VISIBLE_DEVICES": ""},  # its numbers are compared with a CPU's
     )
+
+
+def run(folder: Path, *options: str | Path) -> subprocess.CompletedProcess[str]:
+    small = ("--encoder-steps", "2", "--steps", "3", "--attempts", "2")
+    return start_example("train_policy.py", folder, *small, *options)
 
 
 def a_ball(give: float) -> Ball:
@@ -106,10 +125,6 @@ def test_the_episodes_are_valid(data: Data) -> None:
 
 
 def test_it_learns_and_runs_on_live_streams(data: Data) -> None:
-    from touch_policy.variants import open_windows
-
-    from exumi_loaders import Normaliser
-
     windows = open_windows(data.demonstrations)
     normaliser = Normaliser.fit(windows, any_split=True)
     policy = DiffusionPolicy(
@@ -136,20 +151,45 @@ def test_frozen_encoders_come_from_play(data: Data, train: Any) -> None:
     torch.testing.assert_close(again, features)  # a function of the seed
 
 
-@pytest.mark.usefixtures("data")  # written already
-def test_the_example(folder: Path) -> None:
-    done = run(folder, "--variant", "tpp")
+def test_the_example_takes_an_encoder_of_train_tpp(folder: Path, weights: Path) -> None:
+    done = run(folder, "--variant", "tpp", "--encoder", weights)
     assert done.returncode == 0, done.stderr
     assert "success" in done.stdout
     assert "of 2" in done.stdout
 
 
-def test_the_encoder_of_train_tpp_is_read(data: Data, tmp_path: Path) -> None:
+def test_the_encoder_of_train_tpp_is_the_one_that_is_trained(data: Data, weights: Path) -> None:
     images = salient_images(data.play)
-    encoder = untrained_encoder(images)
-    weights = {f"vae.{name}": value for name, value in encoder.state_dict().items()}
-    torch.save({**weights, "vae.shift": torch.zeros(48), "mean": torch.zeros(3)}, tmp_path / "w.pt")
-    torch.testing.assert_close(load_tpp_encoder(tmp_path / "w.pt")(images), encoder(images))
+    own, read = train_tpp(data.play, 2, 0), load_tpp(weights, data.play)
+    assert not any(weight.requires_grad for weight in read.parameters())
+    torch.testing.assert_close(read(images), own(images))
+    other = train_tpp(data.play, 2, 1)
+    assert (read(images) - other(images)).abs().max() > 0.1
+
+
+def test_one_that_is_trained_is_used_in_the_same_way(data: Data, weights: Path) -> None:
+    sizes = replace(SIZES, steps=2)
+    assert variants.run("tpp", data, sizes, 0) == variants.run("tpp", data, sizes, 0, weights)
+
+
+def test_episodes_that_were_not_all_written_are_written_anew(tmp_path: Path) -> None:
+    sizes = Sizes(demonstrations=1, play=1)
+    (tmp_path / "play.unfinished" / "episodes").mkdir(parents=True)
+    made = make_data(tmp_path, sizes)
+    assert (len(made.demonstrations), len(made.play)) == (1, 1)
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["demonstrations", "play"]
+    before = sorted(file.stat().st_mtime_ns for file in tmp_path.rglob("*"))
+    make_data(tmp_path, sizes)
+    assert sorted(file.stat().st_mtime_ns for file in tmp_path.rglob("*")) == before
+
+
+def test_an_encoder_of_other_images_is_refused(data: Data, weights: Path, tmp_path: Path) -> None:
+    trained = torch.load(weights, weights_only=True)
+    two_fingers = {**trained, "vae.average": trained["vae.average"].repeat(2, 1, 1)}
+    for wrong in (two_fingers, {"weight": torch.zeros(3)}):
+        torch.save(wrong, tmp_path / "wrong.pt")
+        with pytest.raises(ValueError, match=r"no encoder of images \(3, 32, 32\)"):
+            load_tpp(tmp_path / "wrong.pt", data.play)
 
 
 def test_intervals() -> None:

@@ -12,10 +12,10 @@ from exumi_data.calibration import add_intrinsics, add_rectification
 from exumi_data.episode import open_episode
 from exumi_data.model import CalibrationItem, RawData
 from exumi_data.model.calibration import Intrinsics
+from exumi_data.raw_to_data import RawToData, read_map
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.tactile.rectification import PixelMap
 from exumi_validators import Report, validate
-from exumi_validators.raw_to_data import RawToData, read_map
 from tests.exumi_data.builders import CLOCK, HEIGHT, WIDTH, add_images, edit_metadata, metadata
 
 START = "2026-05-04T10:20:30.123456789Z"

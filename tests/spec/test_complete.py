@@ -103,8 +103,8 @@ def test_the_corpus_has_the_features_that_the_standard_names() -> None:
     assert len(names) >= 35
     features = {name.partition("__")[0] for name in names}
     assert features >= {
-        "arrays", "audio", "calibration", "dataset", "derived", "extension", "images", "packed", "pose",
-        "source", "streams", "tactile", "taxels", "time", "version", "width", "wrench",
+        "arrays", "audio", "calibration", "dataset", "derived", "extension", "images", "packed",
+        "pose", "source", "streams", "tactile", "taxels", "time", "version", "width", "wrench",
     }  # fmt: skip
     encodings: set[str] = set()
     kinds: set[str] = set()

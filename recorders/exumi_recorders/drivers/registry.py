@@ -17,9 +17,14 @@ DRIVERS = "exumi.drivers"
 _BUILT_IN: Mapping[str, str] = MappingProxyType(
     {
         "9dtact": "exumi_recorders.drivers.camera_profiles:NINE_DTACT",
+        "as5600": "exumi_recorders.drivers.as5600",
+        "alsa": "exumi_recorders.drivers.alsa",
         "digit": "exumi_recorders.drivers.camera_profiles:DIGIT",
         "gelsight-mini": "exumi_recorders.drivers.camera_profiles:GELSIGHT_MINI",
         "hdmi": "exumi_recorders.drivers.camera_profiles:HDMI",
+        "line": "exumi_recorders.drivers.line",
+        "quest": "exumi_recorders.drivers.quest",
+        "tac02": "exumi_recorders.drivers.tac02",
         "uvc": "exumi_recorders.drivers.camera_profiles:UVC",
     }
 )

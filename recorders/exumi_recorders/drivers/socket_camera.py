@@ -48,6 +48,7 @@ class SocketSource:
     def __init__(self, path: str) -> None:
         self._path = path
         self._socket: socket.socket | None = None
+        self._spoilt = False
 
     def open(self, shape: Shape) -> None:
         """Connect.
@@ -57,6 +58,7 @@ class SocketSource:
         DeviceError
             Nobody serves it.
         """
+        self._spoilt = False
         self._socket = connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _STALLED)
         try:
@@ -77,6 +79,8 @@ class SocketSource:
         connection = self._socket
         if connection is None:
             raise DeviceError(f"the camera at {self._path} is not open")
+        if self._spoilt:
+            raise self._no_frame()
         poller = select.poll()
         poller.register(connection, select.POLLIN)
         frames: list[Frame] = []
@@ -95,12 +99,16 @@ class SocketSource:
         magic, flags, stamp_ns, sequence, length = HEADER.unpack(
             self._whole(connection, HEADER.size)
         )
-        if magic != MAGIC or length > _MOST_BYTES:
-            self.close()
-            raise DeviceLostError(f"what comes from {self._path} is no frame")
+        # Where the next frame begins cannot be known any more.
+        self._spoilt = self._spoilt or magic != MAGIC or length > _MOST_BYTES
+        if self._spoilt:
+            raise self._no_frame()
         data = self._whole(connection, length)
         fault = "error" if flags & DAMAGED else None
         return Frame(data, stamp_ns, sequence % (1 << 32), fault)
+
+    def _no_frame(self) -> DeviceLostError:
+        return DeviceLostError(f"what comes from {self._path} is no frame")
 
     def _whole(self, connection: socket.socket, length: int) -> bytes:
         try:

@@ -120,7 +120,7 @@ class Recorder:
         self._space = space or SpaceLimits()
         self._segment_bytes = segment_bytes
         self._on_flushed = on_flushed
-        self._told = on_event
+        self.told = on_event
         self._pressure = Pressure(self._limits)
         self._sticky: dict[tuple[str, str], Event] = {}
         self._episode: _Episode | None = None
@@ -333,8 +333,9 @@ class Recorder:
             episode = self._episode
             if episode is not None:
                 episode.writer.put_event(device, event)
-        if self._told is not None and not own:
-            self._told(device, event)
+        told = self.told
+        if told is not None and not own:
+            told(device, event)
 
     def _wake(self) -> None:
         episode = self._episode

@@ -1,1 +1,3 @@
-"""Simulated devices that speak the real protocols, from a world whose truth is known."""
+"""Simulated devices that speak the real protocols; all are driven by one known truth."""
+
+__all__: list[str] = []

@@ -7,110 +7,25 @@ header and reads them.
 """
 
 import contextlib
-import socket
 import sys
 import threading
-import time
-from pathlib import Path
 
-from exumi_data.time import NS_PER_S
-from exumi_recorders.drivers.socket_camera import pack_header
 from exumi_recorders.simulated.camera_setup import CameraSetup
-from exumi_recorders.simulated.pictures import Pictures, pictures_of
+from exumi_recorders.simulated.pictures import pictures_of
+from exumi_recorders.simulated.serving import serve_frames
 
 __all__ = ["serve"]
 
-_SEND_BUFFER = 1 << 20
-_LOOK_S = 0.05
-_SEQUENCES = 1 << 32
-
 
 def serve(setup: CameraSetup, stop: threading.Event | None = None) -> None:
-    """Be a camera until `stop`: one reader at a time, unplugged when the setup says so.
-
-    The socket is there as soon as the camera is ready.
+    """Be a camera until `stop`; its socket is there as soon as it is ready.
 
     Parameters
     ----------
     setup : CameraSetup
     stop : threading.Event, optional
-        Ends it; without, it goes on for ever.
     """
-    stop = stop or threading.Event()
-    pictures = pictures_of(setup)
-    try:
-        while not stop.is_set():
-            end_s = setup.absence_end_s(time.monotonic_ns())
-            if end_s is not None:
-                stop.wait(min(_LOOK_S, max(0.0, end_s - _now_s(setup))))
-                continue
-            with _listening(setup.socket) as listener:
-                _until_unplugged(setup, pictures, listener, stop)
-            Path(setup.socket).unlink(missing_ok=True)
-    finally:
-        Path(setup.socket).unlink(missing_ok=True)
-
-
-def _now_s(setup: CameraSetup) -> float:
-    return (time.monotonic_ns() - setup.epoch_ns) / NS_PER_S
-
-
-def _listening(path: str) -> socket.socket:
-    Path(path).unlink(missing_ok=True)
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    listener.bind(path)
-    listener.listen(1)
-    listener.settimeout(_LOOK_S)
-    return listener
-
-
-def _until_unplugged(
-    setup: CameraSetup, pictures: Pictures, listener: socket.socket, stop: threading.Event
-) -> None:
-    while not stop.is_set() and setup.absence_end_s(time.monotonic_ns()) is None:
-        try:
-            connection, _ = listener.accept()
-        except TimeoutError:
-            continue
-        with connection, contextlib.suppress(ConnectionError):
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-            _stream(setup, pictures, connection, stop)
-
-
-def _stream(
-    setup: CameraSetup, pictures: Pictures, connection: socket.socket, stop: threading.Event
-) -> None:
-    """Send frames when they are due; ConnectionError when the reader is gone."""
-    stop.wait(setup.slow_start_s)
-    first = k = setup.first_frame(time.monotonic_ns())
-    patience_ns = int(setup.buffers * setup.period)
-    while not stop.is_set():
-        fate = setup.fate(k)
-        stamp_ns = setup.stamp_ns(k)
-        due_ns = stamp_ns + setup.readout_ns
-        # Drawn before it is due: the time that takes is not the camera's latency.
-        file = pictures(k) if fate != "dropped" else b""
-        wait_ns = due_ns - time.monotonic_ns()
-        if wait_ns > 0:
-            stop.wait(wait_ns / NS_PER_S)
-        if setup.absence_end_s(time.monotonic_ns()) is not None:
-            return
-        # Of a reader that does not keep up, and of drawing that does not, frames are lost.
-        if fate != "dropped" and time.monotonic_ns() - due_ns < patience_ns:
-            file = file[: len(file) * 2 // 3] if fate == "cut" else file
-            sequence = (k - first) % _SEQUENCES
-            header = pack_header(stamp_ns, sequence, len(file), damaged=fate == "damaged")
-            _send(connection, header, file)
-        k += 1
-
-
-def _send(connection: socket.socket, header: bytes, file: bytes) -> None:
-    sent = connection.sendmsg([header, file])
-    if sent < len(header):
-        connection.sendall(header[sent:])
-        sent = len(header)
-    if sent < len(header) + len(file):
-        connection.sendall(memoryview(file)[sent - len(header) :])
+    serve_frames(setup, pictures_of(setup), stop)
 
 
 if __name__ == "__main__":

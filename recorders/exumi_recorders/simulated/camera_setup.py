@@ -20,20 +20,14 @@ k, so that whoever checks a recording knows which frames were lost, and why.
 from fractions import Fraction
 from typing import Literal
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from exumi_data.model.base import Rational
 from exumi_data.simulation import PlaySession, simulate_play
 from exumi_data.time import NS_PER_S
+from exumi_recorders.simulated.schedule import FramedSetup
 
-__all__ = ["CameraSetup", "Fate", "PlaySetup"]
-
-Fate = Literal["sent", "dropped", "damaged", "cut"]
-"""What becomes of a frame: lost in the kernel, flagged as damaged, or cut off without a flag."""
-
-_US = 1000
-_MOST_JITTER = 3.0
+__all__ = ["CameraSetup", "PlaySetup"]
 
 
 class PlaySetup(BaseModel):
@@ -60,49 +54,31 @@ class PlaySetup(BaseModel):
         )
 
 
-class CameraSetup(BaseModel):
-    """A simulated camera.
+class CameraSetup(FramedSetup):
+    """A simulated camera, served as `FramedSetup` says.
 
     Attributes
     ----------
-    socket : str
-        Path of the UNIX socket that it serves.
     shows : {"tactile_left", "tactile_right", "rgb", "synthetic"}
         The play session seen by one of its cameras; or pictures without meaning, of
         `bytes_per_frame`, which cost the sender next to nothing.
-    epoch_ns : int
-        CLOCK_MONOTONIC at the session's start.
     width, height, rate, quality
         Pixels, images per second, JPEG quality.
     exposure_ns, readout_ns : int
         Exposure of a row; from the first row to the last one.
-    latency_ns, jitter_ns : int
-        From the end of the first row's exposure to the stamp, and its standard deviation, cut at
-        three times.
+    latency_ns : int
+        From the end of the first row's exposure to the stamp.
     bands, exposures : int
         How finely readout and exposure are drawn: a picture is put together of `bands` strips, and
         each of the mean of `exposures` moments.
-    drop, damage, cut : float
-        Parts of the frames that the kernel loses, calls damaged, or that end too early.
-    slow_start_s : float
-        From the connection to the first frame.
-    absent_s : tuple of (float, float)
-        When it is unplugged: from, to, seconds since the epoch.
     live : bool
         Draw a frame when it is due; a frame that is not done in time is lost, as on a camera that
         is too slow. Otherwise all of the session is drawn before the socket is there, and its last
         second repeats for ever after.
-    buffers : int
-        How many frames may wait for a slow reader before the next ones are lost.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    socket: str
     shows: Literal["tactile_left", "tactile_right", "rgb", "synthetic"] = "synthetic"
     play: PlaySetup = PlaySetup()
-    epoch_ns: int
-    seed: int = Field(default=0, ge=0)
     width: int = Field(default=640, ge=32, le=8192)
     height: int = Field(default=480, ge=32, le=8192)
     rate: Rational = "30"
@@ -111,16 +87,9 @@ class CameraSetup(BaseModel):
     exposure_ns: int = Field(default=0, ge=0)
     readout_ns: int = Field(default=0, ge=0)
     latency_ns: int = Field(default=20_000_000, ge=0)
-    jitter_ns: int = Field(default=300_000, ge=0)
     bands: int = Field(default=4, ge=1, le=64)
     exposures: int = Field(default=2, ge=1, le=16)
-    drop: float = Field(default=0.0, ge=0.0, lt=1.0)
-    damage: float = Field(default=0.0, ge=0.0, lt=1.0)
-    cut: float = Field(default=0.0, ge=0.0, lt=1.0)
-    slow_start_s: float = Field(default=0.0, ge=0.0)
-    absent_s: tuple[tuple[float, float], ...] = ()
     live: bool = False
-    buffers: int = Field(default=4, ge=1)
 
     @property
     def period(self) -> Fraction:
@@ -139,46 +108,18 @@ class CameraSetup(BaseModel):
 
     def exposure_start_ns(self, k: int) -> int:
         """Return when the first row of frame `k` begins to be exposed, CLOCK_MONOTONIC."""
-        phase = Fraction(int(np.random.default_rng((self.seed, 0)).integers(1000)), 1000)
-        return self.epoch_ns + round((k + phase) * self.period)
+        return self.start_ns(k)
 
-    def stamp_ns(self, k: int) -> int:
-        """Return the stamp of frame `k`."""
-        jitter = 0
-        if self.jitter_ns:
-            normal = np.random.default_rng((self.seed, 1, k)).standard_normal()
-            jitter = round(self.jitter_ns * float(np.clip(normal, -_MOST_JITTER, _MOST_JITTER)))
-        stamp_ns = self.exposure_start_ns(k) + self.exposure_ns + self.latency_ns + jitter
-        return stamp_ns // _US * _US
+    @property
+    def stamp_delay_ns(self) -> int:
+        """From the start of a frame to its stamp, without jitter."""
+        return self.exposure_ns + self.latency_ns
+
+    @property
+    def hand_out_delay_ns(self) -> int:
+        """From the stamp until the frame is handed out."""
+        return self.readout_ns
 
     def shown_ns(self, k: int) -> int:
         """Return the moment that the middle of picture `k` shows, CLOCK_MONOTONIC."""
         return self.exposure_start_ns(k) + self.readout_ns // 2 + self.exposure_ns // 2
-
-    def first_frame(self, now_ns: int) -> int:
-        """Return the first frame whose exposure begins at or after `now_ns`."""
-        k = int((now_ns - self.epoch_ns) // self.period)
-        while self.exposure_start_ns(k) < now_ns:
-            k += 1
-        return max(k, 0)
-
-    def fate(self, k: int) -> Fate:
-        """Return what becomes of frame `k`."""
-        if not (self.drop or self.damage or self.cut):
-            return "sent"
-        chance = float(np.random.default_rng((self.seed, 2, k)).random())
-        fates: tuple[tuple[Fate, float], ...] = (
-            ("dropped", self.drop),
-            ("damaged", self.damage),
-            ("cut", self.cut),
-        )
-        for fate, part in fates:
-            if chance < part:
-                return fate
-            chance -= part
-        return "sent"
-
-    def absence_end_s(self, now_ns: int) -> float | None:
-        """Return when the camera is there again (seconds since the epoch), None if it is there."""
-        now_s = (now_ns - self.epoch_ns) / NS_PER_S
-        return next((end for start, end in self.absent_s if start <= now_s < end), None)

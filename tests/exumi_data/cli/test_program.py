@@ -27,7 +27,7 @@ from exumi_data.model import DatasetMetadata
 
 Program = Callable[..., subprocess.CompletedProcess[str]]
 
-VERBS = ("demo", "convert", "prepare", "index", "pack", "validate", "stats", "info")
+VERBS = ("demo", "convert", "prepare", "calibrate", "index", "pack", "validate", "stats", "info")
 COLOR = re.compile(r"\x1b\[[0-9;]*3[0-9]m")
 
 

@@ -15,11 +15,11 @@ from exumi_data.model.calibration import INTRINSICS, RECTIFICATION, Intrinsics, 
 from exumi_data.model.description import CalibrationItem
 from exumi_data.model.images import Images
 from exumi_data.model.streams import PoseStream, WidthStream, WrenchStream, images_of
+from exumi_data.raw_to_data import KEY, RawToData, read_map
 from exumi_data.tactile.rectification import PixelMap
 from exumi_validators.context import EXUMI, ROOT, EpisodeContext
 from exumi_validators.document_rules import is_real_date
 from exumi_validators.findings import problem
-from exumi_validators.raw_to_data import KEY, RawToData, read_map
 from exumi_validators.registry import Finding, check
 from exumi_validators.report import Problem, Skipped
 from exumi_validators.series import read_series

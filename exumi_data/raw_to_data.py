@@ -52,11 +52,38 @@ class RawToData:
         (N,) float64
             NaN beyond the map's ends.
         """
+        raw = self._turned(values, modulus)
+        return np.asarray(np.interp(raw, self.raw, self.data, left=np.nan, right=np.nan))
+
+    def held(
+        self, values: np.ndarray, modulus: int | None = None
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+        """Return what values stand for, and hold the map's ends beyond them.
+
+        Parameters
+        ----------
+        values : (N,) numbers
+            Of the device.
+        modulus : int, optional
+            As for `at`.
+
+        Returns
+        -------
+        data : (N,) float64
+        inside : (N,) bool
+            False beyond the map's ends.
+        """
+        raw = self._turned(values, modulus)
+        inside = (raw >= self.raw[0]) & (raw <= self.raw[-1])
+        return np.asarray(np.interp(raw, self.raw, self.data)), inside
+
+    def _turned(self, values: np.ndarray, modulus: int | None) -> npt.NDArray[np.float64]:
+        """Return values at the turn of the map, where they wrap."""
         raw = values.astype(np.float64)
         if modulus is not None:
             middle = (self.raw[0] + self.raw[-1]) / 2
             raw -= modulus * np.floor((raw - middle) / modulus + 0.5)
-        return np.asarray(np.interp(raw, self.raw, self.data, left=np.nan, right=np.nan))
+        return raw
 
 
 def read_map(value: object) -> RawToData | str | None:

@@ -1,0 +1,95 @@
+"""``exumi calibrate gripper``."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exumi_data.cli.calibrate_options import OutOption, finish, numbers
+from exumi_data.cli.options import Format, FormatOption, epilog, given_path
+
+__all__ = ["EPILOG", "run"]
+
+EPILOG = epilog(
+    "exumi calibrate gripper readings.csv --out rig.json",
+    "exumi calibrate gripper gripper_calibration.json --out rig.json",
+    "exumi calibrate gripper steps.zarr --openings-mm 0,10,20,30,40,50,60,70,80 --out rig.json",
+)
+
+
+def run(  # options of the command line
+    readings: Annotated[
+        Path,
+        typer.Argument(
+            parser=given_path,
+            metavar="READINGS",
+            help="CSV (count, opening_mm), exUMI's JSON, or an episode in which the gripper was "
+            "set to openings, one by one.",
+        ),
+    ],
+    out: OutOption,
+    openings_mm: Annotated[
+        str | None,
+        typer.Option(help="Of an episode: the openings in their order, divided by commas."),
+    ] = None,
+    stream: Annotated[str | None, typer.Option(help="Its stream of widths.")] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="Of the openings in a file, whatever it says: m, cm, mm.")
+    ] = None,
+    gauge_mm: Annotated[
+        float, typer.Option(min=0.0, help="How well openings were set: standard deviation.")
+    ] = 0.5,
+    name: Annotated[str, typer.Option(help="Of the item: raw.transform names it.")] = "width_map",
+    output: FormatOption = Format.TEXT,
+) -> None:
+    """Find the map from encoder counts to openings, from readings at known openings.
+
+    Openings 1 cm apart or less. Counts may run over the encoder's end. What does not go one way,
+    or is too coarse, is refused.
+    """
+    from exumi_data.episode import open_episode
+    from exumi_data.errors import UsageError
+    from exumi_recorders.calibration.files import Calibration
+    from exumi_recorders.calibration.gripper import (
+        fit_gripper,
+        gripper_item,
+        read_gripper_file,
+        readings_at_rest,
+    )
+    from exumi_recorders.calibration.recordings import stream_of
+
+    if openings_mm is None:
+        found = read_gripper_file(readings, unit=unit)
+    else:
+        openings = [1e-3 * value for value in numbers(openings_mm, option="--openings-mm")]
+        with open_episode(readings) as episode:
+            width = stream_of(episode, "width", stream)
+            raw = width.raw
+            if raw is None or raw.dtype.kind not in "iu":
+                raise UsageError(
+                    f"{width.name!r} has no raw counts",
+                    where=readings,
+                    fix="Record the encoder's own values.",
+                )
+            modulus = getattr(getattr(width.metadata, "raw", None), "modulus", None) or 4096
+            found = readings_at_rest(width.time, raw, openings, modulus=modulus)
+    fitted = fit_gripper(found, gauge_m=1e-3 * gauge_mm)
+    table = [
+        {"opening_mm": 1e3 * opening, "count": count, "left_out_mm": _number(1e3 * residual)}
+        for (opening, count), residual in zip(fitted.knots, fitted.residual_m, strict=True)
+    ]
+    if output is Format.TEXT:
+        from exumi_data.cli.output import plain_table, print_table, result_console
+
+        shown = plain_table(("opening mm", "right"), ("count", "right"), ("left out mm", "right"))
+        for row in table:
+            off = row["left_out_mm"]
+            cells = (row["opening_mm"], row["count"])
+            shown.add_row(*(f"{cell:.1f}" for cell in cells), "" if off is None else f"{off:+.2f}")
+        print_table(shown, result_console())
+    finish(Calibration({name: gripper_item(fitted)}), out, output, {"readings": table})
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else round(value, 4)

@@ -1,0 +1,225 @@
+"""``exumi calibrate latency``."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from exumi_data.cli.calibrate_options import (
+    EpisodeArgument,
+    MarkerDictionary,
+    MarkerId,
+    MarkerSize,
+    OutOption,
+    PoseOption,
+    finish,
+    range_of,
+)
+from exumi_data.cli.options import Format, FormatOption, epilog, given_path
+
+if TYPE_CHECKING:
+    from exumi_data.episode import Episode
+    from exumi_recorders.calibration.markers import MarkerSettings
+    from exumi_recorders.calibration.sweep import MarkerTrack, PoseTrack, SweepResult
+    from exumi_recorders.calibration.timing import CameraTiming
+
+__all__ = ["EPILOG", "run"]
+
+EPILOG = epilog(
+    "exumi calibrate latency sweep.zarr --out rig.json --plot sweep.png",
+    "exumi calibrate latency sweep.zarr --exposure-ms 4 --readout-ms 8,16 --out rig.json",
+    "exumi calibrate latency first.zarr --end last.zarr --out rig.json",
+    "exumi calibrate latency sweep.zarr --video GX010042.MP4 --video-start 12.3 --out rig.json",
+)
+
+_WARNING_S = 5e-3
+
+
+def run(  # noqa: PLR0913, PLR0917  # options of the command line
+    episode: EpisodeArgument,
+    out: OutOption,
+    end: Annotated[
+        Path | None,
+        typer.Option(parser=given_path, metavar="EPISODE", help="A sweep at the session's end."),
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            parser=given_path,
+            metavar="CLIP",
+            help="A video file that shows the sweep, in place of a camera of the episode.",
+        ),
+    ] = None,
+    video_start: Annotated[
+        float, typer.Option(help="Where the clip begins in the episode, seconds.")
+    ] = 0.0,
+    camera: Annotated[
+        str | None,
+        typer.Option("--camera", help="Stream that shows the marker. Default: the only camera."),
+    ] = None,
+    pose: PoseOption = None,
+    marker: MarkerId = 4,
+    marker_mm: MarkerSize = 60.0,
+    dictionary: MarkerDictionary = "DICT_4X4_50",
+    exposure_ms: Annotated[
+        str | None, typer.Option(help="Of a frame, or lowest,highest. Default: not known, 1,16.")
+    ] = None,
+    readout_ms: Annotated[
+        str | None,
+        typer.Option(help="From the first row to the last, likewise. Default: 8,16."),
+    ] = None,
+    headset_lag_ms: Annotated[
+        str | None,
+        typer.Option(help="Lag of the poses in use, likewise. Default: 0,20."),
+    ] = None,
+    max_lag: Annotated[
+        float, typer.Option(min=0.05, max=5.0, help="Latencies to try, both ways, seconds.")
+    ] = 0.5,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            parser=given_path,
+            metavar="PNG",
+            help="Draw both curves as recorded and with the latency that is used.",
+        ),
+    ] = None,
+    output: FormatOption = Format.TEXT,
+) -> None:
+    """Find the latency of poses from a sweep before an ArUco marker.
+
+    Rest a second, sweep the hand with its camera 12 cm to each side for 12 s at an uneven pace, and
+    rest again. Intrinsics are taken from the calibration file, else from the episode. A sweep that
+    does not tell is refused, with the reason.
+    """
+    from exumi_data.cli.failures import FOUND_WRONG
+    from exumi_data.cli.output import error_console
+    from exumi_data.episode import open_episode
+    from exumi_data.errors import UsageError
+    from exumi_recorders.calibration.files import Calibration
+    from exumi_recorders.calibration.items import LATENCY
+    from exumi_recorders.calibration.markers import MarkerSettings
+    from exumi_recorders.calibration.sweep import SweepLimits, estimate_sweep, latency_item
+
+    try:
+        settings = MarkerSettings(dictionary, marker, 1e-3 * marker_mm)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    if end is not None and video is not None:
+        raise UsageError("--end and --video exclude each other", fix="Calibrate each by itself.")
+    ranges = [
+        range_of(exposure_ms, "--exposure-ms"),
+        range_of(readout_ms, "--readout-ms"),
+        range_of(headset_lag_ms, "--headset-lag-ms"),
+    ]
+    results: list[SweepResult] = []
+    names, starts = set(), []
+    for path in [episode, *([end] if end else [])]:
+        with open_episode(path) as opened:
+            name, tracks, timing = _tracks(opened, out, settings, camera, pose, video, video_start)
+            timing = _timing(timing, ranges)
+            limits = SweepLimits(max_lag_s=max_lag)
+            result = estimate_sweep(*tracks, camera=timing, headset_lag_s=ranges[2], limits=limits)
+            results.append(result)
+            names.add(name)
+            starts.append(opened.metadata.start)
+    if len(names) > 1:
+        raise UsageError(f"the sweeps are of different streams: {', '.join(sorted(names))}")
+    refused = [result for result in results if result.refusals]
+    used_ns = round(1e9 * (refused or results)[0].latency_s)
+    item = None
+    if not refused:
+        item = latency_item(results, apart_s=_apart_s(starts))
+        used_ns = int(item.value)
+    if plot is not None:
+        from exumi_data.store.files import write_atomic
+        from exumi_recorders.calibration.plot import draw_sweep, png
+
+        write_atomic(plot, png(draw_sweep((refused or results)[0], used_ns)))
+    if item is None:
+        console = error_console()
+        console.print("[bold red]refused:[/] nothing was written")
+        for reason in refused[0].refusals:
+            console.print(f"  {reason}", markup=False)
+        raise typer.Exit(FOUND_WRONG)
+    change = abs(results[-1].latency_s - results[0].latency_s)
+    if change > _WARNING_S:
+        error_console().print(
+            f"[yellow]warning:[/] the latency changed by {1e3 * change:.1f} ms in the session"
+        )
+    found = Calibration({LATENCY + names.pop(): item})
+    finish(found, out, output, {"sweeps": [_numbers(result) for result in results]})
+
+
+def _apart_s(starts: list[str | None]) -> float | None:
+    from datetime import datetime
+
+    if len(starts) < 2 or starts[0] is None or starts[1] is None:
+        return None
+    first, last = (datetime.fromisoformat(start[:19] + "+00:00") for start in starts if start)
+    return (last - first).total_seconds() or None
+
+
+def _timing(timing: "CameraTiming", ranges: list[Any]) -> "CameraTiming":
+    from dataclasses import replace
+
+    exposure, readout = ranges[:2]
+    return replace(
+        timing,
+        exposure_s=timing.exposure_s if exposure is None else exposure,
+        readout_s=timing.readout_s if readout is None else readout,
+    )
+
+
+def _tracks(  # what a user says of a sweep
+    episode: "Episode",
+    out: Path,
+    settings: "MarkerSettings",
+    camera: str | None,
+    pose: str | None,
+    video: Path | None,
+    video_start: float,
+) -> "tuple[str, tuple[MarkerTrack, PoseTrack], CameraTiming]":
+    """Return the pose stream's name, marker and poses, and how the camera's stamps are."""
+    from exumi_data.model.calibration import INTRINSICS
+    from exumi_recorders.calibration.files import read_calibration
+    from exumi_recorders.calibration.markers import track_marker
+    from exumi_recorders.calibration.recordings import (
+        camera_times,
+        clip_frames,
+        clip_intrinsics,
+        frames_of,
+        intrinsics_for,
+        pose_track,
+        stream_of,
+    )
+    from exumi_recorders.calibration.timing import CameraTiming
+
+    calibration = read_calibration(out) if out.exists() else None
+    poses = stream_of(episode, "pose", pose)
+    if video is not None:
+        seen = clip_intrinsics(video, calibration, INTRINSICS + (camera or "rgb"))
+        frames = clip_frames(video, start_ns=round(1e9 * video_start))
+        timing = CameraTiming()
+    else:
+        shown = stream_of(episode, "rgb", camera)
+        seen = intrinsics_for(episode, shown, calibration)
+        time_ns, timing = camera_times(shown)
+        frames = frames_of(shown, time_ns)
+    marker, _ = track_marker(frames, seen, settings)
+    return poses.name, (marker, pose_track(poses)), timing
+
+
+def _numbers(result: "SweepResult") -> dict[str, Any]:
+    return {
+        "latency_ms": round(1e3 * result.latency_s, 4),
+        "sigma_ms": round(1e3 * result.sigma_s, 4),
+        "noise_ms": round(1e3 * result.noise_s, 4),
+        "exposure_and_readout_ms": round(1e3 * result.camera_s, 4),
+        "headset_lag_ms": round(1e3 * result.headset_s, 4),
+        "residual_mm": round(1e3 * result.residual_m, 4),
+        "frames": result.frames,
+        "detected": result.detected,
+        "second_best_ms": None if result.runner_up_s is None else 1e3 * result.runner_up_s,
+        "second_best_residual": None if result.runner_up_s is None else result.runner_up,
+        "halves_ms": None if result.halves_s is None else round(1e3 * result.halves_s, 4),
+    }

@@ -1,0 +1,151 @@
+"""Options that the verbs of ``exumi calibrate`` share, and how they end."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from exumi_data.cli.options import Format, given_path
+
+if TYPE_CHECKING:
+    from exumi_data.model.description import CalibrationItem
+    from exumi_recorders.calibration.files import Calibration
+    from exumi_recorders.calibration.timing import Range
+
+__all__ = [
+    "EpisodeArgument",
+    "MarkerDictionary",
+    "MarkerId",
+    "MarkerSize",
+    "OutOption",
+    "PoseOption",
+    "finish",
+    "numbers",
+    "range_of",
+]
+
+OutOption = Annotated[
+    Path,
+    typer.Option(
+        "--out",
+        parser=given_path,
+        metavar="FILE",
+        help="The calibration file; items of the same name are replaced, others stay.",
+    ),
+]
+EpisodeArgument = Annotated[
+    Path, typer.Argument(parser=given_path, metavar="EPISODE", help="A recording. Only read.")
+]
+PoseOption = Annotated[
+    str | None, typer.Option("--pose", help="Stream of poses. Default: the only one.")
+]
+MarkerId = Annotated[int, typer.Option("--marker", min=0, help="Id of the ArUco marker.")]
+MarkerSize = Annotated[
+    float, typer.Option("--marker-mm", min=1, help="Edge of its black square, mm.")
+]
+MarkerDictionary = Annotated[str, typer.Option("--dictionary", help="Its dictionary, in OpenCV.")]
+
+
+def numbers(text: str, *, count: int | None = None, option: str) -> list[float]:
+    """Read numbers that are divided by commas.
+
+    Parameters
+    ----------
+    text : str
+    count : int, optional
+        How many there must be.
+    option : str
+        Named in errors.
+
+    Raises
+    ------
+    UsageError
+        There are others.
+    """
+    import math
+
+    from exumi_data.errors import UsageError
+
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        found = []
+    if not found or not all(map(math.isfinite, found)) or (count and len(found) != count):
+        many = f"{count} numbers" if count else "numbers"
+        raise UsageError(f"{option} is {text!r}", fix=f"Give {many}, divided by commas.")
+    return found
+
+
+def range_of(text: str | None, option: str) -> "Range | None":
+    """Read a number, or two that it lies between, in milliseconds; return seconds.
+
+    Parameters
+    ----------
+    text : str or None
+    option : str
+        Named in errors.
+
+    Raises
+    ------
+    UsageError
+        It is neither.
+    """
+    from exumi_data.errors import UsageError
+    from exumi_recorders.calibration.timing import Range
+
+    if text is None:
+        return None
+    found = numbers(text, option=option)
+    try:
+        low, high = (found[0], found[0]) if len(found) == 1 else found
+        return Range(1e-3 * low, 1e-3 * high)
+    except ValueError:
+        raise UsageError(
+            f"{option} is {text!r}", fix="Give one number, or the lowest and the highest: 1,16."
+        ) from None
+
+
+def finish(
+    found: "Calibration", out: Path, output: Format, more: dict[str, Any] | None = None
+) -> None:
+    """Stamp items with the time, put them into the calibration file, and print them.
+
+    Parameters
+    ----------
+    found : Calibration
+    out : pathlib.Path
+    output : Format
+    more : dict, optional
+        What else the JSON says.
+    """
+    from exumi_data.cli.output import print_json, printable
+    from exumi_data.model.documents import dump
+    from exumi_recorders.calibration.files import Calibration, update
+    from exumi_recorders.calibration.items import now
+
+    time = now()
+    items = {n: item.model_copy(update={"time": time}) for n, item in found.items.items()}
+    update(out, Calibration(items, found.arrays))
+    if output is Format.JSON:
+        stated = {name: dump(item) for name, item in items.items()}
+        print_json({"file": str(out), "items": stated, **(more or {})})
+        return
+    for name, item in items.items():
+        print(printable(f"{name}: {_said(item)}"))
+        if item.procedure:
+            print(printable(f"  {item.procedure}"))
+    print(f"written to {printable(str(out))}")
+
+
+def _said(item: "CalibrationItem") -> str:
+    factor, unit = (1e-6, "ms") if item.unit == "ns" else (1.0, item.unit or "")
+    if item.unit == "m":
+        factor, unit = 1e3, "mm"
+    parts = []
+    if isinstance(item.value, int | float):
+        parts.append(f"{factor * item.value:.2f} {unit}")
+    if item.uncertainty is not None:
+        parts.append(f"standard deviation {factor * item.uncertainty:.2f} {unit}")
+    if item.residual is not None:
+        parts.append(f"residual {factor * item.residual:.2f} {unit}")
+    return ", ".join(parts) or (item.method or "imported")

@@ -1,0 +1,129 @@
+"""``exumi calibrate tactile``."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from exumi_data.cli.calibrate_options import OutOption, finish, numbers
+from exumi_data.cli.options import Format, FormatOption, epilog, given_path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import numpy as np
+
+    from exumi_recorders.calibration.files import Calibration
+
+__all__ = ["EPILOG", "run"]
+
+EPILOG = epilog(
+    "exumi calibrate tactile rest.zarr --stream tactile_left --out rig.json",
+    "exumi calibrate tactile play.zarr --stream tactile_left --has-contact --out rig.json",
+    "exumi calibrate tactile --stream tactile_left --ninedtact sensor_1 --out rig.json",
+)
+
+_IMAGES = (".png", ".jpg", ".jpeg", ".bmp")
+
+
+def run(  # options of the command line
+    out: OutOption,
+    stream: Annotated[str, typer.Option(help="The tactile stream that it is about.")],
+    recording: Annotated[
+        Path | None,
+        typer.Argument(
+            parser=given_path,
+            metavar="[RECORDING]",
+            help="An episode, or a folder of images, in which nothing is touched.",
+        ),
+    ] = None,
+    has_contact: Annotated[
+        bool,
+        typer.Option("--has-contact", help="There is contact: select quiet frames."),
+    ] = False,
+    ninedtact: Annotated[
+        Path | None,
+        typer.Option(
+            parser=given_path,
+            metavar="FOLDER",
+            help="9DTact's calibration of this sensor: rectification maps and depth table.",
+        ),
+    ] = None,
+    crop: Annotated[
+        str | None, typer.Option(help="Rows,columns of its rectified images. Default: 340,460.")
+    ] = None,
+    mm_per_px: Annotated[
+        str | None, typer.Option(help="Scale across,down of images that are not rectified.")
+    ] = None,
+    output: FormatOption = Format.TEXT,
+) -> None:
+    """Capture a finger's reference without contact; import its rectification, depth and scale."""
+    from exumi_data.errors import UsageError
+    from exumi_recorders.calibration import tactile
+    from exumi_recorders.calibration.files import merge
+
+    parts: dict[str, Calibration] = {}
+    if recording is not None:
+        with _frames(recording, stream) as frames:
+            parts["reference"] = tactile.captured_reference(frames, stream, has_contact=has_contact)
+    if ninedtact is not None:
+        parts.update(_imported(ninedtact, stream, crop))
+    if mm_per_px is not None:
+        across, down = numbers(mm_per_px, count=2, option="--mm-per-px")
+        parts["scale"] = tactile.scale((across, down), stream, method="given by the operator")
+    if not parts:
+        raise UsageError(
+            "nothing to calibrate from", fix="Give a recording, --ninedtact or --mm-per-px."
+        )
+    finish(merge(parts), out, output)
+
+
+def _imported(folder: Path, stream: str, crop: str | None) -> "dict[str, Calibration]":
+    from exumi_data.errors import UsageError
+    from exumi_recorders.calibration import tactile
+
+    size = None
+    if crop is not None:
+        rows, columns = numbers(crop, count=2, option="--crop")
+        size = round(rows), round(columns)
+    parts: dict[str, Calibration] = {}
+    maps, table = folder / "camera_calibration", folder / "depth_calibration/Pixel_to_Depth.npy"
+    if (maps / "row_index.npy").exists():
+        parts["rectification"] = tactile.rectification(maps, stream, crop_px=size)
+    if table.exists():
+        parts["depth"] = tactile.depth_table(table, stream)
+    if not parts:
+        raise UsageError(
+            "no calibration of 9DTact",
+            where=folder,
+            fix="It holds camera_calibration/row_index.npy, col_index.npy and position_scale.npy, "
+            "or depth_calibration/Pixel_to_Depth.npy.",
+        )
+    return parts
+
+
+@contextmanager
+def _frames(recording: Path, stream: str) -> "Iterator[Iterable[np.ndarray]]":
+    from exumi_data.episode import open_episode
+    from exumi_recorders.calibration.recordings import stream_of
+
+    if recording.is_dir() and not (recording / "zarr.json").exists():
+        yield _images(recording)
+        return
+    with open_episode(recording) as episode:
+        yield stream_of(episode, "tactile", stream).frames
+
+
+def _images(folder: Path) -> "Iterator[np.ndarray]":
+    import cv2
+    import numpy as np
+
+    from exumi_data.errors import SourceError
+
+    for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in _IMAGES):
+        image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            raise SourceError("no image", where=path)
+        yield np.ascontiguousarray(image[..., ::-1])

@@ -1,0 +1,191 @@
+"""Where a printed ArUco marker is, in the frames of a camera whose intrinsics are known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from exumi_data.camera import matrix
+from exumi_data.model.calibration import Intrinsics
+from exumi_recorders.calibration.sweep import MarkerTrack
+
+__all__ = ["MarkerFinder", "MarkerSettings", "dictionary_names", "track_marker"]
+
+Float64Array = NDArray[np.float64]
+UInt8Array = NDArray[np.uint8]
+
+
+def dictionary_names() -> list[str]:
+    """Return the names of the dictionaries that OpenCV has."""
+    return sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerSettings:
+    """Which marker to look for.
+
+    Attributes
+    ----------
+    dictionary : str
+        As OpenCV calls it.
+    number : int
+        The marker's id.
+    side_m : float
+        Edge of the black square, metres.
+
+    Raises
+    ------
+    ValueError
+        There is no such dictionary or marker, or the side is not positive.
+    """
+
+    dictionary: str = "DICT_4X4_50"
+    number: int = 4
+    side_m: float = 0.06
+
+    def __post_init__(self) -> None:
+        if self.dictionary not in dictionary_names():
+            msg = f"no dictionary {self.dictionary!r}, such as DICT_4X4_50"
+            raise ValueError(msg)
+        count = len(self.patterns.bytesList)
+        if not 0 <= self.number < count or not self.side_m > 0:
+            msg = f"marker {self.number} of {self.side_m} m; {self.dictionary} has 0 to {count - 1}"
+            raise ValueError(msg)
+
+    @property
+    def patterns(self) -> cv2.aruco.Dictionary:
+        """OpenCV's dictionary."""
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+
+
+class MarkerFinder:
+    """Finds one marker in the frames of one camera.
+
+    Parameters
+    ----------
+    camera : Intrinsics
+        Of the frames.
+    settings : MarkerSettings
+    """
+
+    def __init__(self, camera: Intrinsics, settings: MarkerSettings) -> None:
+        self._camera = camera
+        self._settings = settings
+        parameters = cv2.aruco.DetectorParameters()
+        # Corners to parts of a pixel: what is measured is where the marker is, not that it is.
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        self._detector = cv2.aruco.ArucoDetector(settings.patterns, parameters)
+        half = settings.side_m / 2
+        self._corners = np.array(
+            [[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]], np.float64
+        )
+
+    def find(self, frame: UInt8Array) -> tuple[Float64Array, Float64Array] | None:
+        """Find the marker in a frame.
+
+        Parameters
+        ----------
+        frame : (H, W) or (H, W, 1|3) uint8
+
+        Returns
+        -------
+        pose : (4, 4) float64
+            ``T_camera_marker``: camera right, down, forward, metres.
+        corners : (4, 2) float64
+            Column and row of the corners.
+        None
+            It is not there, or is there twice.
+
+        Raises
+        ------
+        ValueError
+            The frame is not of the camera's size.
+        """
+        if frame.shape[1::-1] != (self._camera.width, self._camera.height):
+            msg = (
+                f"frames of {frame.shape[1]}x{frame.shape[0]}, intrinsics for "
+                f"{self._camera.width}x{self._camera.height}"
+            )
+            raise ValueError(msg)
+        grey = np.ascontiguousarray(frame.mean(axis=2) if frame.ndim == 3 else frame, np.uint8)
+        found, numbers, _ = self._detector.detectMarkers(grey)
+        if not len(found):
+            return None
+        own = np.flatnonzero(np.asarray(numbers).ravel() == self._settings.number)
+        if len(own) != 1:
+            return None
+        corners = np.asarray(found[int(own[0])], np.float64).reshape(4, 2)
+        pose = self._pose(corners)
+        return None if pose is None else (pose, corners)
+
+    def _pose(self, corners: Float64Array) -> Float64Array | None:
+        """Return ``T_camera_marker`` from the corners, straightened to a camera without a lens."""
+        straight = self._straight(corners)
+        if not np.isfinite(straight).all():
+            return None
+        worked, turn, shift = cv2.solvePnP(
+            self._corners, straight, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+        )
+        if not worked or float(shift[2, 0]) <= 0:
+            return None
+        pose = np.eye(4)
+        pose[:3, :3] = cv2.Rodrigues(turn)[0]
+        pose[:3, 3] = shift.ravel()
+        return pose
+
+    def _straight(self, corners: Float64Array) -> Float64Array:
+        distortion = np.array(self._camera.distortion or [0.0] * 4, np.float64)
+        points = corners.reshape(-1, 1, 2)
+        if self._camera.model == "fisheye":
+            made = cv2.fisheye.undistortPoints(points, matrix(self._camera), distortion)
+        else:
+            made = cv2.undistortPoints(points, matrix(self._camera), distortion)
+        return np.asarray(made, np.float64).reshape(-1, 1, 2)
+
+
+def track_marker(
+    frames: Iterable[tuple[int, UInt8Array]], camera: Intrinsics, settings: MarkerSettings
+) -> tuple[MarkerTrack, Float64Array]:
+    """Find a marker in all frames of a recording.
+
+    Parameters
+    ----------
+    frames : iterable of (int, (H, W[, C]) uint8)
+        Time, ns, and frame. One is held at a time.
+    camera : Intrinsics
+    settings : MarkerSettings
+
+    Returns
+    -------
+    MarkerTrack
+    poses : (N, 4, 4) float64
+        ``T_camera_marker`` of the same frames.
+
+    Raises
+    ------
+    ValueError
+        The frames are not of the camera's size.
+    """
+    finder = MarkerFinder(camera, settings)
+    times: list[int] = []
+    poses: list[Float64Array] = []
+    rows: list[float] = []
+    count = 0
+    for time_ns, frame in frames:
+        count += 1
+        found = finder.find(frame)
+        if found is None:
+            continue
+        pose, corners = found
+        times.append(time_ns)
+        poses.append(pose)
+        rows.append(float(corners[:, 1].mean()) / max(frame.shape[0] - 1, 1))
+    stacked = np.array(poses, np.float64).reshape(-1, 4, 4)
+    track = MarkerTrack(
+        np.array(times, np.int64), stacked[:, :3, 3], np.array(rows, np.float64), count
+    )
+    return track, stacked

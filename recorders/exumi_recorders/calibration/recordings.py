@@ -1,0 +1,294 @@
+"""Readings out of recordings: the streams of an episode, the frames of a clip."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exumi_data.calibration import intrinsics_of
+from exumi_data.camera import resized
+from exumi_data.episode import Episode, StreamView
+from exumi_data.errors import UsageError
+from exumi_data.model.calibration import INTRINSICS, Intrinsics
+from exumi_data.model.streams import images_of
+from exumi_data.standard import flags
+from exumi_recorders.calibration.files import Calibration
+from exumi_recorders.calibration.sweep import PoseTrack
+from exumi_recorders.calibration.timing import CameraTiming, Range
+
+__all__ = [
+    "activity_of",
+    "as_stamped",
+    "camera_times",
+    "clip_frames",
+    "clip_intrinsics",
+    "fitting",
+    "frames_of",
+    "intrinsics_for",
+    "motion_energy",
+    "pose_track",
+    "stream_of",
+]
+
+
+# Stamps of the first row's beginning; others are of a frame that is there already.
+_AT_START = ("buffer_soe", "container_pts", "device", "simulated", "nominal_rate")
+
+
+def stream_of(episode: Episode, kind: str, name: str | None) -> StreamView:
+    """Return the stream that a user means: the one that is named, or the only one of its kind.
+
+    Parameters
+    ----------
+    episode : Episode
+    kind : str
+    name : str, optional
+
+    Raises
+    ------
+    UsageError
+        There is none, or more than one and none is named.
+    """
+    if name is not None:
+        stream = episode[name]
+        if stream.kind != kind:
+            raise UsageError(f"{name!r} is a stream of kind {stream.kind}", where=episode.path)
+        return stream
+    streams = episode.of_kind(kind)
+    if len(streams) != 1:
+        names = ", ".join(stream.name for stream in streams) or "none"
+        raise UsageError(
+            f"which stream of kind {kind}: {names}", where=episode.path, fix="Name it."
+        )
+    return streams[0]
+
+
+def as_stamped(stream: StreamView) -> NDArray[np.int64]:
+    """Return the times of a stream without its latency taken out, ns.
+
+    A latency that is measured by these is one of the stamps, whatever was known of it before.
+    """
+    return np.asarray(stream.time + stream.metadata.clock.latency_ns, np.int64)
+
+
+def _usable(stream: StreamView) -> NDArray[np.bool_]:
+    """Return which samples are not flagged as invalid."""
+    marks = stream.flags
+    if marks is None:
+        return np.ones(len(stream), np.bool_)
+    return np.asarray((marks & flags()["invalid"].mask) == 0)
+
+
+def pose_track(stream: StreamView) -> PoseTrack:
+    """Return the valid poses of a stream with their stamps.
+
+    Parameters
+    ----------
+    stream : StreamView
+        Of kind pose.
+    """
+    poses = np.asarray(stream.data, np.float64)
+    good = _usable(stream) & np.isfinite(poses).all(axis=1)
+    good &= np.linalg.norm(poses[:, 3:], axis=1) > 0.5
+    return PoseTrack(as_stamped(stream)[good], poses[good])
+
+
+def frames_of(
+    stream: StreamView, time_ns: NDArray[np.int64]
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Go through the frames of a stream with their times, one at a time."""
+    for time, frame in zip(time_ns.tolist(), stream.frames, strict=True):
+        yield int(time), frame
+
+
+def clip_frames(path: Path, *, start_ns: int = 0) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Go through the frames of a video file, grey, with the times that the container states.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    start_ns : int, optional
+        Time of the container's zero.
+
+    Raises
+    ------
+    SourceError
+        It is no video.
+    """
+    from exumi_data.store.video import VideoDecoder
+
+    with VideoDecoder(str(path), path) as video:
+        base = video.time_base
+        for frame in video.frames():
+            time = start_ns + round(int(frame.pts or 0) * base * 1_000_000_000)
+            yield time, np.asarray(frame.to_ndarray(format="gray"), np.uint8)
+
+
+def fitting(camera: Intrinsics, width: int, height: int, where: object) -> Intrinsics:
+    """Return intrinsics for images of a size: those given, or resized if the shape is the same.
+
+    Parameters
+    ----------
+    camera : Intrinsics
+    width, height : int
+    where : object
+        Named in errors.
+
+    Raises
+    ------
+    UsageError
+        The images have another shape: they are cropped, and nobody knows where.
+    """
+    if (camera.width, camera.height) == (width, height):
+        return camera
+    if abs(camera.width * height - camera.height * width) > max(camera.width, camera.height):
+        raise UsageError(
+            f"intrinsics for {camera.width}x{camera.height} do not fit images of {width}x{height}",
+            where=where,
+            fix="Calibrate the camera in the mode that it records in.",
+        )
+    return resized(camera, width, height)
+
+
+def intrinsics_for(
+    episode: Episode, stream: StreamView, calibration: Calibration | None
+) -> Intrinsics:
+    """Return the intrinsics of a stream's camera: from a calibration, else from the episode.
+
+    Parameters
+    ----------
+    episode : Episode
+    stream : StreamView
+    calibration : Calibration or None
+
+    Raises
+    ------
+    UsageError
+        They are not known.
+    MetadataError
+        They are none.
+    """
+    name = INTRINSICS + stream.name
+    images = images_of(stream.metadata)
+    if calibration is not None and name in calibration.items and images is not None:
+        camera = Intrinsics.model_validate(calibration.items[name].value)
+        return fitting(camera, images.width, images.height, f"{episode.path}: {stream.name}")
+    found = intrinsics_of(episode, stream.name)
+    if found is None:
+        raise UsageError(
+            f"nothing says how the camera of {stream.name!r} sees",
+            where=episode.path,
+            fix="Put its intrinsics into the calibration file: exumi calibrate camera.",
+        )
+    return found
+
+
+def clip_intrinsics(path: Path, calibration: Calibration | None, name: str) -> Intrinsics:
+    """Return the intrinsics of a clip's camera, for the clip's frames.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The clip.
+    calibration : Calibration or None
+    name : str
+        Of the item.
+
+    Raises
+    ------
+    UsageError
+        The calibration has no such item, or it does not fit the frames.
+    SourceError
+        The clip is no video.
+    """
+    from exumi_data.store.video import VideoDecoder
+
+    if calibration is None or name not in calibration.items:
+        raise UsageError(
+            f"the calibration file has no {name}",
+            where=path,
+            fix="Import it: exumi calibrate camera FILE --stream NAME --out ..., and say --camera "
+            "NAME.",
+        )
+    with VideoDecoder(str(path), path) as video:
+        width, height = video.width, video.height
+    return fitting(Intrinsics.model_validate(calibration.items[name].value), width, height, path)
+
+
+def camera_times(stream: StreamView) -> tuple[NDArray[np.int64], CameraTiming]:
+    """Return the times of a camera's frames, and how they lie to what the frames show.
+
+    A camera whose latency is known has its events at `time`; of another one, only the stamps are
+    known.
+
+    Parameters
+    ----------
+    stream : StreamView
+        With frames.
+
+    Returns
+    -------
+    time_ns : (N,) int64
+    CameraTiming
+    """
+    clock = stream.metadata.clock
+    time = np.asarray(stream.time, np.int64)
+    if clock.latency_ns or clock.latency_sigma_ns is not None:
+        none = Range(0.0, 0.0)
+        return time, CameraTiming(none, none, known_sigma_s=1e-9 * (clock.latency_sigma_ns or 0.0))
+    return time, CameraTiming(stamped="start" if clock.stamp_point in _AT_START else "end")
+
+
+def activity_of(stream: StreamView) -> NDArray[np.float32]:
+    """Return the activity of tactile frames: as it is stored, else measured.
+
+    Parameters
+    ----------
+    stream : StreamView
+        Of kind tactile.
+
+    Raises
+    ------
+    UsageError
+        None is stored, and there is no reference to measure it by.
+    """
+    from exumi_data.tactile import ActivityMeter
+
+    stored = stream.activity
+    if stored is not None:
+        return np.asarray(stored, np.float32)
+    reference = stream.reference
+    if reference is None:
+        raise UsageError(
+            f"{stream.name!r} has neither activity nor a reference to measure it by",
+            where=stream.name,
+            fix="Record it with a reference: exumi calibrate tactile.",
+        )
+    meter = ActivityMeter(reference)
+    return np.array([meter.measure(frame) for frame in stream.frames], np.float32)
+
+
+def motion_energy(frames: Iterable[NDArray[np.uint8]]) -> NDArray[np.float64]:
+    """Return by how much each frame differs from the one before: mean grey levels.
+
+    Parameters
+    ----------
+    frames : iterable of (H, W, C) uint8
+
+    Returns
+    -------
+    (N - 1,) float64
+    """
+    import cv2
+
+    energy: list[float] = []
+    before: NDArray[np.uint8] | None = None
+    for frame in frames:
+        grey = cv2.blur(frame.reshape(*frame.shape[:2], -1).mean(axis=2).astype(np.uint8), (5, 5))
+        if before is not None:
+            energy.append(float(cv2.absdiff(np.asarray(grey), before).mean()))
+        before = np.asarray(grey, np.uint8)
+    return np.array(energy, np.float64)

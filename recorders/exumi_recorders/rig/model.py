@@ -1,0 +1,133 @@
+"""What a rig file says, section by section."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from exumi_data.model.base import Identifier, StreamName
+from exumi_data.model.description import Embodiment
+from exumi_recorders.contract import DriverType
+
+__all__ = ["FORMAT", "VERSION", "About", "Controls", "Device", "Hooks", "Limits", "Rig"]
+
+FORMAT: Literal["exumi-rig"] = "exumi-rig"
+VERSION = "1.0"
+
+_Command = Annotated[list[str], Field(min_length=1)]
+
+
+class _Section(BaseModel):
+    """A part of a rig file: what it does not know is a mistake."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class About(_Section):
+    """``[rig]``: what is recorded into every episode."""
+
+    name: Identifier
+    """Of the device, such as ``exumi``."""
+    licence: Identifier
+    """SPDX expression of what is recorded; ``NOASSERTION`` when that is not decided."""
+    serial: str | None = None
+    hub: str | None = None
+    """The computer that records, such as ``orange-pi-5``."""
+    site: str | None = None
+    operator: str | None = None
+    """A pseudonym."""
+    data: str | None = None
+    """Folder of the dataset that episodes go to, from the rig file's own folder."""
+    calibration: list[str] = []
+    """Calibration files, from the rig file's own folder."""
+
+
+class Controls(_Section):
+    """``[controls]``: what starts and stops an episode besides the keys."""
+
+    flag: Identifier | None = None
+    """The device whose record flag does it, such as the headset's."""
+    world_frame: Identifier | None = None
+    """The device that has to send a world frame before an episode can start."""
+
+
+class Limits(_Section):
+    """``[limits]``: of the disk and of an episode."""
+
+    reserve_mb: Annotated[int, Field(ge=1)] = 64
+    """A file of this size is kept to close episodes with when the disk is full, MB."""
+    least_minutes: Annotated[float, Field(ge=0)] = 2.0
+    """No new episode starts with disk for less than this, minutes."""
+    longest_minutes: Annotated[float, Field(gt=0)] = 60.0
+    """An episode ends by itself after this, minutes."""
+    queue_mb: Annotated[int, Field(ge=1)] = 64
+    """What may wait for the disk, all streams together, MB."""
+
+
+class Hooks(_Section):
+    """``[hooks]``: programs to start when something happens, as lists of words: beeps and LEDs."""
+
+    ready: _Command | None = None
+    start: _Command | None = None
+    stop: _Command | None = None
+    discard: _Command | None = None
+    problem: _Command | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """A device of a rig.
+
+    Attributes
+    ----------
+    name : str
+        As in ``[devices.NAME]``.
+    driver : DriverType
+    options : pydantic.BaseModel
+        Of the driver.
+    streams : mapping of str to str
+        Names of streams by name of the driver's port; ports that are not named are not recorded.
+    """
+
+    name: str
+    driver: DriverType
+    options: BaseModel
+    streams: Mapping[str, StreamName]
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """A rig file, read and checked.
+
+    Attributes
+    ----------
+    path : pathlib.Path or None
+        The file; None for the simulated rig.
+    about : About
+    embodiment : Embodiment or None
+    controls : Controls
+    limits : Limits
+    hooks : Hooks
+    devices : tuple of Device
+        In the order of the file.
+    """
+
+    path: Path | None
+    about: About
+    embodiment: Embodiment | None
+    controls: Controls
+    limits: Limits
+    hooks: Hooks
+    devices: tuple[Device, ...]
+
+    @property
+    def stream_names(self) -> tuple[str, ...]:
+        """The names of all streams, in the order of the file."""
+        return tuple(name for device in self.devices for name in device.streams.values())
+
+    def beside(self, name: str) -> Path:
+        """Return a path that the rig file gives, from the file's own folder."""
+        folder = Path() if self.path is None else self.path.parent
+        return folder / Path(name).expanduser()

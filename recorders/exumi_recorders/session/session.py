@@ -1,0 +1,464 @@
+"""A session: waits for the operator, records episodes one after the other, finishes them.
+
+One thread runs `Session.run`. Commands come from anywhere: keys, the headset's flag, a timer.
+An episode that was stopped waits until the next one begins, or for a few seconds: until then it
+can be discarded, and what was discarded can be taken back.
+"""
+
+import queue
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from exumi_data.errors import ExumiError
+from exumi_data.model import Annotations
+from exumi_recorders.contract import Event
+from exumi_recorders.journal.space import NoRoomError, SpaceLimits, seconds_left
+from exumi_recorders.journal.states import discard, undo_discard
+from exumi_recorders.recording.recorder import Recorded, Recorder
+from exumi_recorders.recording.status import RecordingStatus
+from exumi_recorders.rig.model import Rig
+from exumi_recorders.session.finishing import Finished, Finisher
+from exumi_recorders.session.hooks import HookRunner
+from exumi_recorders.session.labels import TrialCounter
+from exumi_recorders.session.plan import Calibrated, Plan, episode_document
+
+__all__ = ["Command", "Message", "Session", "SessionReport", "SessionStatus"]
+
+CommandName = Literal["start", "stop", "toggle", "discard", "undo", "success", "failure", "quit"]
+State = Literal["waiting", "recording", "ended"]
+
+_PERIOD_S = 0.1
+_STATUS_S = 0.25
+_UNDO_S = 10.0
+_ROOM_S = 2.0
+_PATIENCE_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What somebody wants of a session.
+
+    Attributes
+    ----------
+    name : str
+        ``start``, ``stop``, ``toggle``, ``discard``, ``undo``, ``success``, ``failure``, ``quit``.
+    reason : str
+        Of a discard.
+    """
+
+    name: CommandName
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """Something that happened, for the operator.
+
+    Attributes
+    ----------
+    level : {"info", "warning", "error"}
+    code, text : str
+    episode : str, optional
+        Its id, or the path of what was finished.
+    """
+
+    level: Literal["info", "warning", "error"]
+    code: str
+    text: str
+    episode: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SessionStatus:
+    """How a session is.
+
+    Attributes
+    ----------
+    state : {"waiting", "recording", "ended"}
+    recording : RecordingStatus
+    kept, discarded : int
+        Episodes so far.
+    finishing : int
+        Journals that are not episodes yet.
+    undecided : bool
+        The last episode can still be discarded.
+    disk_minutes : float
+        For which there is room.
+    next_trial : int or None
+        Of a touch that is labelled.
+    """
+
+    state: State
+    recording: RecordingStatus
+    kept: int
+    discarded: int
+    finishing: int
+    undecided: bool
+    disk_minutes: float
+    next_trial: int | None
+
+
+@dataclass(slots=True)
+class SessionReport:
+    """What a session made.
+
+    Attributes
+    ----------
+    finished : list of Finished
+    discarded : list of pathlib.Path
+        Journals that are tombstones now.
+    left : list of pathlib.Path
+        Journals that are not finished: ``exumi recover`` does it.
+    """
+
+    finished: list[Finished] = field(default_factory=list)
+    discarded: list[Path] = field(default_factory=list)
+    left: list[Path] = field(default_factory=list)
+
+    @property
+    def problems(self) -> list[str]:
+        """What went wrong, in a sentence each."""
+        return [f"{one.journal}: {one.problem}" for one in self.finished if one.problem]
+
+
+@dataclass(slots=True)
+class _Stopped:
+    recorded: Recorded
+    said: Annotations | None
+    until: float
+    is_discarded: bool = False
+
+
+class Session:
+    """Record episodes with a rig whose devices are open.
+
+    Parameters
+    ----------
+    rig : Rig
+    recorder : Recorder
+        Open; its `on_event` should lead to `hear`.
+    dataset : pathlib.Path
+    plan : Plan
+    calibrated : Calibrated
+    trials : TrialCounter
+        Of the dataset's episodes so far.
+    tell : callable
+        Told of each message, in the thread of `run`.
+    show : callable
+        Given the status about four times a second.
+    """
+
+    def __init__(  # what a session is put together from
+        self,
+        rig: Rig,
+        recorder: Recorder,
+        dataset: Path,
+        plan: Plan,
+        calibrated: Calibrated,
+        trials: TrialCounter,
+        tell: Callable[[Message], None],
+        show: Callable[[SessionStatus], None],
+    ) -> None:
+        self._rig = rig
+        self._recorder = recorder
+        self._dataset = dataset
+        self._plan = plan
+        self._calibrated = calibrated
+        self._trials = trials
+        self._tell = tell
+        self._show = show
+        self._hooks = HookRunner(rig.hooks)
+        self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self._finished: queue.SimpleQueue[Finished] = queue.SimpleQueue()
+        self._finisher = Finisher(self._finished.put)
+        self._report = SessionReport()
+        self._queued: list[Path] = []
+        self._state: State = "waiting"
+        self._began = 0.0
+        self._said: Annotations | None = None
+        self._stopped: _Stopped | None = None
+        self._kept = 0
+        self._next_auto: float | None = time.monotonic() if plan.auto else None
+        self._open_problems: set[tuple[str, str]] = set()
+        self._room_s = float("inf")
+        self._room_at = 0.0
+        self._opened = time.monotonic()
+        self._flag_device = rig.controls.flag
+
+    def command(self, name: CommandName, reason: str = "") -> None:
+        """Want something; for any thread and for signal handlers.
+
+        Parameters
+        ----------
+        name : str
+        reason : str
+        """
+        self._commands.put(Command(name, reason))
+
+    def hear(self, device: str, event: Event) -> None:
+        """Take an event of a device: the record flag of the one that the rig file names.
+
+        Parameters
+        ----------
+        device : str
+        event : Event
+        """
+        if event.name == "record_flag" and device == self._flag_device:
+            self.command("start" if event.detail.get("on") else "stop")
+
+    # --------------------------------------------------------------------------------- the session
+
+    def run(self) -> SessionReport:
+        """Record until somebody quits, or all is recorded.
+
+        Returns
+        -------
+        SessionReport
+
+        Raises
+        ------
+        KeyboardInterrupt
+            While the last episodes were finished; they are kept as journals.
+        """
+        self._hooks.run("ready")
+        shown = 0.0
+        try:
+            while self._state != "ended":
+                self._obey()
+                self._look()
+                now = time.monotonic()
+                if now - shown >= _STATUS_S:
+                    shown = now
+                    self._watch(self._recorder.status())
+                time.sleep(_PERIOD_S)
+        finally:
+            self._end()
+        return self._report
+
+    def _end(self) -> None:
+        """Stop what is being recorded, and finish everything."""
+        if self._recorder.status().episode is not None:
+            self._stop("the session ended")
+        self._settle()
+        self._state = "ended"
+        try:
+            if self._finisher.waiting:
+                self._tell(Message("info", "finishing", "finishing the last episodes ..."))
+            self._finisher.close()
+        except BaseException:
+            self._finisher.give_up()
+            raise
+        finally:
+            self._collect()
+            done = {one.journal for one in self._report.finished}
+            self._report.left = [path for path in self._queued if path not in done]
+            self._hooks.close()
+
+    def _obey(self) -> None:
+        while True:
+            try:
+                command = self._commands.get_nowait()
+            except queue.Empty:
+                return
+            name = command.name
+            if name == "toggle":
+                name = "stop" if self._state == "recording" else "start"
+            if name == "start" and self._state == "waiting":
+                self._start()
+            elif name == "stop" and self._state == "recording":
+                self._stop("")
+            elif name == "discard":
+                self._discard(command.reason)
+            elif name == "undo":
+                self._undo()
+            elif name in {"success", "failure"}:
+                self._judge(success=name == "success")
+            elif name == "quit":
+                self._state = "ended"
+
+    def _look(self) -> None:
+        """Do what has come due."""
+        self._collect()
+        now = time.monotonic()
+        if self._stopped is not None and now >= self._stopped.until:
+            self._settle()
+        if self._state == "recording":
+            longest_s = self._plan.duration_s or 60.0 * self._rig.limits.longest_minutes
+            if now - self._began >= longest_s:
+                why = "" if self._plan.duration_s else "it is as long as the rig file allows"
+                self._stop(why)
+        elif self._state == "waiting":
+            if self._plan.episodes is not None and self._kept >= self._plan.episodes:
+                self._state = "ended"
+            elif self._next_auto is not None and now >= self._next_auto and self._is_ready(now):
+                self._start()
+
+    def _is_ready(self, now: float) -> bool:
+        """Whether all streams have begun, or have had time enough to: for who starts by itself."""
+        streams = self._recorder.status().streams
+        return now >= self._opened + _PATIENCE_S or all(
+            stream.rate_hz is not None for stream in streams
+        )
+
+    # ---------------------------------------------------------------------------------- an episode
+
+    def _start(self) -> None:
+        self._settle()
+        if self._plan.episodes is not None and self._kept >= self._plan.episodes:
+            return
+        trial = self._trials.next_trial(self._plan.labels)
+        said = self._plan.labels.annotations(trial)
+        document = episode_document(self._rig, self._plan, self._calibrated, said)
+        try:
+            self._check_room()
+            self._recorder.start(self._dataset, document, arrays=self._calibrated.arrays)
+        except (ExumiError, OSError) as error:
+            self._next_auto = None
+            self._tell(Message("error", "not_started", f"not recording: {error}"))
+            self._hooks.run("problem")
+            return
+        self._state, self._began, self._said = "recording", time.monotonic(), said
+        self._hooks.run("start")
+        trial_text = f", trial {trial}" if said is not None and said.trial else ""
+        number = self._kept + 1
+        self._tell(
+            Message("info", "recording", f"recording episode {number}{trial_text}", document.id)
+        )
+
+    def _check_room(self) -> None:
+        least_s = 60.0 * self._rig.limits.least_minutes
+        room_s = self._room_left()
+        if room_s < least_s:
+            raise NoRoomError(
+                f"there is room for {room_s / 60:.1f} minutes only",
+                where=self._dataset,
+                fix="Copy recordings away and remove them here, or record to another disk.",
+            )
+
+    def _room_left(self) -> float:
+        now = time.monotonic()
+        if now - self._room_at > _ROOM_S:
+            ports = [stream.port for stream in self._recorder.streams.values()]
+            limits = SpaceLimits(reserve_bytes=self._rig.limits.reserve_mb << 20)
+            self._room_s, self._room_at = seconds_left(self._dataset, ports, limits), now
+        return self._room_s
+
+    def _stop(self, why: str) -> None:
+        recorded = self._recorder.stop()
+        self._state = "waiting"
+        self._stopped = _Stopped(recorded, self._said, time.monotonic() + _UNDO_S)
+        if self._plan.auto:
+            self._next_auto = time.monotonic() + self._plan.pause_s
+        self._hooks.run("stop")
+        samples = sum(recorded.samples.values())
+        why = recorded.truncated or why
+        text = f"stopped after {time.monotonic() - self._began:.1f} s, {samples:,} samples"
+        level: Literal["info", "warning"] = "warning" if recorded.truncated else "info"
+        self._tell(
+            Message(level, "stopped", f"{text}: {why}" if why else text, recorded.journal.stem)
+        )
+        dropped = {name: number for name, number in recorded.dropped.items() if number}
+        if dropped:
+            said = ", ".join(f"{number} of {name}" for name, number in dropped.items())
+            self._tell(Message("warning", "dropped", f"the disk was too slow: lost {said}"))
+
+    def _settle(self) -> None:
+        """Finish the episode that could still have been discarded."""
+        stopped, self._stopped = self._stopped, None
+        if stopped is None or stopped.is_discarded:
+            return
+        self._kept += 1
+        self._trials.add(stopped.said)
+        self._queued.append(stopped.recorded.journal)
+        self._finisher.put(stopped.recorded.journal)
+
+    def _discard(self, reason: str) -> None:
+        if self._state == "recording":
+            self._stop("to be discarded")
+        stopped = self._stopped
+        if stopped is None or stopped.is_discarded:
+            self._tell(Message("warning", "nothing", "there is nothing to discard any more"))
+            return
+        journal = stopped.recorded.journal
+        try:
+            discard(journal, reason or "no reason given")
+        except ExumiError as error:
+            self._tell(Message("error", "not_discarded", str(error)))
+            return
+        stopped.is_discarded, stopped.until = True, time.monotonic() + _UNDO_S
+        self._report.discarded.append(journal)
+        self._hooks.run("discard")
+        said = f" ({reason})" if reason else ""
+        self._tell(
+            Message("info", "discarded", f"discarded{said}; undo takes it back", journal.stem)
+        )
+
+    def _undo(self) -> None:
+        stopped = self._stopped
+        if stopped is None or not stopped.is_discarded:
+            self._tell(Message("warning", "nothing", "there is nothing to take back"))
+            return
+        try:
+            undo_discard(stopped.recorded.journal)
+        except ExumiError as error:
+            self._tell(Message("error", "not_undone", str(error)))
+            return
+        stopped.is_discarded = False
+        self._report.discarded.remove(stopped.recorded.journal)
+        self._tell(Message("info", "undone", "taken back", stopped.recorded.journal.stem))
+
+    def _judge(self, *, success: bool) -> None:
+        if self._state != "recording":
+            self._tell(Message("warning", "nothing", "success is said while it is recorded"))
+            return
+        self._recorder.add_event("success", value=success)
+        self._tell(Message("info", "judged", "a success" if success else "a failure"))
+
+    # ----------------------------------------------------------------------------- what is watched
+
+    def _watch(self, status: RecordingStatus) -> None:
+        if self._state == "recording" and status.truncated is not None:
+            self._stop("")
+        problems = {(one.where, one.code): one.text for one in status.problems}
+        for key in problems.keys() - self._open_problems:
+            where = f"{key[0]}: " if key[0] else ""
+            self._tell(Message("warning", key[1], f"{where}{problems[key]}"))
+            self._hooks.run("problem")
+        for where, code in self._open_problems - problems.keys():
+            self._tell(Message("info", f"{code}_over", f"{where or 'recorder'}: well again"))
+        self._open_problems = set(problems)
+        labelled = self._plan.labels.annotations(1) is not None
+        self._show(
+            SessionStatus(
+                state=self._state,
+                recording=status,
+                kept=self._kept,
+                discarded=len(self._report.discarded),
+                finishing=self._finisher.waiting,
+                undecided=self._stopped is not None and not self._stopped.is_discarded,
+                disk_minutes=self._room_left() / 60,
+                next_trial=self._trials.next_trial(self._plan.labels) if labelled else None,
+            )
+        )
+
+    def _collect(self) -> None:
+        for done in _drained(self._finished):
+            self._report.finished.append(done)
+            if done.problem:
+                text = f"{done.journal}: {done.problem}; exumi recover tries again"
+                self._tell(Message("error", "not_finished", text, done.journal.stem))
+            else:
+                damage = f", {done.damages} damages" if done.damages else ""
+                self._tell(Message("info", "kept", f"{done.episode}{damage}", str(done.episode)))
+
+
+def _drained(finished: "queue.SimpleQueue[Finished]") -> Sequence[Finished]:
+    found = []
+    while True:
+        try:
+            found.append(finished.get_nowait())
+        except queue.Empty:
+            return found

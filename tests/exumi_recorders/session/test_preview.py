@@ -1,0 +1,114 @@
+"""The preview, over real HTTP."""
+
+import threading
+import time
+from http.client import HTTPConnection
+from urllib.parse import urlsplit
+
+import pytest
+
+from exumi_data.errors import UsageError
+from exumi_recorders.session.preview import Preview, parse_address
+
+FRAMES = [b"\xff\xd8" + bytes([number]) * 50 + b"\xff\xd9" for number in range(200)]
+
+
+class Camera:
+    """Makes 50 frames a second."""
+
+    def __init__(self) -> None:
+        self.began = time.monotonic()
+        self.asked: list[str] = []
+
+    def latest(self, stream: str) -> bytes | None:
+        self.asked.append(stream)
+        return FRAMES[int((time.monotonic() - self.began) * 50) % len(FRAMES)]
+
+
+def connect(preview: Preview) -> HTTPConnection:
+    address = urlsplit(preview.url)
+    assert address.hostname is not None
+    return HTTPConnection(address.hostname, address.port or 0, timeout=5)
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        (None, ("127.0.0.1", 8642)),
+        ("9000", ("127.0.0.1", 9000)),
+        (":9000", ("127.0.0.1", 9000)),
+        ("0.0.0.0", ("0.0.0.0", 8642)),  # noqa: S104  # what is parsed, not bound
+        ("hub.local:80", ("hub.local", 80)),
+        ("[::1]:80", ("::1", 80)),
+    ],
+)
+def test_addresses(text: str | None, address: tuple[str, int]) -> None:
+    assert parse_address(text) == address
+
+
+@pytest.mark.parametrize("text", ["host:port", "1.2.3.4:99999", ":-1"])
+def test_what_is_no_address(text: str) -> None:
+    with pytest.raises(UsageError, match="no address"):
+        parse_address(text)
+
+
+def test_the_page_names_every_camera_and_is_for_this_machine_only() -> None:
+    with Preview(["tactile_left", "rgb"], Camera().latest, ("127.0.0.1", 0)) as preview:
+        assert not preview.is_public
+        connection = connect(preview)
+        connection.request("GET", "/")
+        page = connection.getresponse().read().decode()
+        assert 'src="/tactile_left"' in page
+        assert 'src="/rgb"' in page
+
+
+def test_frames_come_as_they_are_and_at_most_five_a_second() -> None:
+    with Preview(["rgb"], Camera().latest, ("127.0.0.1", 0)) as preview:
+        connection = connect(preview)
+        connection.request("GET", "/rgb")
+        answer = connection.getresponse()
+        assert "multipart/x-mixed-replace" in answer.headers["Content-Type"]
+        began = time.monotonic()
+        seen = []
+        for _ in range(4):
+            while not (line := answer.readline()).startswith(b"Content-Length"):
+                assert line
+            answer.readline()
+            seen.append(answer.read(int(line.split(b":")[1])))
+        assert set(seen) <= set(FRAMES)
+        assert len(set(seen)) == 4
+        assert time.monotonic() - began > 0.55
+
+
+def test_other_names_are_not_found_and_not_asked_for() -> None:
+    camera = Camera()
+    with Preview(["rgb"], camera.latest, ("127.0.0.1", 0)) as preview:
+        for path in ("/width", "/../etc/passwd", "/%2e%2e/x.jpg"):
+            connection = connect(preview)
+            connection.request("GET", path)
+            assert connection.getresponse().status == 404
+    assert camera.asked == []
+
+
+def test_a_still_picture() -> None:
+    with Preview(["rgb"], lambda _: FRAMES[3], ("127.0.0.1", 0)) as preview:
+        connection = connect(preview)
+        connection.request("GET", "/rgb.jpg")
+        assert connection.getresponse().read() == FRAMES[3]
+
+
+def test_ending_does_not_wait_for_viewers() -> None:
+    with Preview(["rgb"], Camera().latest, ("127.0.0.1", 0)) as preview:
+        connection = connect(preview)
+        connection.request("GET", "/rgb")
+        connection.getresponse().readline()
+        began = time.monotonic()
+    assert time.monotonic() - began < 2
+    assert "preview" not in {thread.name for thread in threading.enumerate()}
+
+
+def test_an_address_that_is_taken() -> None:
+    with Preview(["rgb"], Camera().latest, ("127.0.0.1", 0)) as preview:
+        port = urlsplit(preview.url).port or 0
+        with pytest.raises(UsageError, match="cannot use"):
+            Preview(["rgb"], Camera().latest, ("127.0.0.1", port))
