@@ -14,7 +14,7 @@ from exumi_data.catalog import episode_path
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import UsageError
 from exumi_data.model import CalibrationItem
-from exumi_recorders.contract import DeviceError, Event, Health, Sample
+from exumi_recorders.contract import Blocks, DeviceError, Event, Health, Rows, Sample
 from exumi_recorders.finalise.episode import finalise
 from exumi_recorders.journal.journal import JournalWriter
 from exumi_recorders.journal.log import LogWriter
@@ -24,7 +24,7 @@ from exumi_recorders.recording.lanes import Limits
 from exumi_recorders.recording.recorder import Recorded, Recorder
 from exumi_validators import validate
 from tests.exumi_recorders.finalise.journals import make_dataset
-from tests.exumi_recorders.numbered import Toy, device, episode, number_of
+from tests.exumi_recorders.numbered import POSE, Toy, device, episode, number_of, port
 
 ROOM = SpaceLimits(soft_bytes=0, hard_bytes=0, reserve_bytes=1 << 12)
 
@@ -124,6 +124,27 @@ def test_a_device_that_cannot_be_opened_closes_all(dataset: Path) -> None:
     wrong = Recorder([replace(device(Toy()), streams={"gyro": "gyro"})])
     with pytest.raises(DeviceError, match="no port 'gyro'"):
         wrong.open()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "what"),
+    [
+        ({"metadata": {}}, "frames"),
+        ({"metadata": {"frames": {"parent": "a", "child": "b"}, "colour": 1}}, "unknown key"),
+        ({"payload": Rows({"data": ("<f8", (6,))})}, "shape"),
+        ({"kind": "gyroscope"}, "unknown stream kind"),
+        ({"kind": "taxels", "metadata": {"grid": [1, 7], "unit": "1"}}, "expected"),
+        ({"nominal_rate": "1.5"}, "invalid rate"),
+        ({"payload": Blocks(1, "8000")}, "blocks of sound"),
+    ],
+)
+def test_what_cannot_be_stored_is_refused_before_it_is_recorded(
+    wrong: dict[str, Any], what: str
+) -> None:
+    toy = Toy(rates={"pose": 90.0}, ports=(port(POSE, **wrong),))
+    recorder = Recorder([device(toy)])
+    with pytest.raises((UsageError, DeviceError), match=what):
+        recorder.open()
 
 
 def test_a_device_that_is_lost_comes_back_and_others_go_on(dataset: Path) -> None:
@@ -329,7 +350,7 @@ def test_a_journal_that_cannot_be_made_leaves_the_recorder_ready(
             with pytest.raises(ZeroDivisionError):
                 recorder.start(dataset, episode())
         assert not recorder.status().recording
-        recorder.start(dataset, episode(2))
+        recorder.start(dataset, episode())
         until(lambda: recorder.status().streams[0].samples > 3)
         assert finalise(recorder.stop().journal).outcome == "finalised"
 
