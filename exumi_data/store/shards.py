@@ -293,12 +293,12 @@ class ArrayReader:
         index = np.frombuffer(raw[:-4], dtype="<u8").reshape(-1, 2)
         needed = self._chunks_in(shard)
         entries = index[:needed]
-        if (entries == _ABSENT).any():
-            raise DamagedDataError("shard lacks an inner chunk", where=self._where(shard))
-        # Compared one by one: the sum of two hostile uint64 values could wrap.
         room = size - length
-        if (entries > room).any() or (entries.sum(axis=1) > room).any():
-            raise DamagedDataError("shard index points outside its file", where=self._where(shard))
+        # Compared one by one first: the sum of two hostile uint64 values could wrap.
+        if entries.max() > room or entries.sum(axis=1).max() > room:
+            absent = bool((entries == _ABSENT).any())
+            what = "lacks an inner chunk" if absent else "index points outside its file"
+            raise DamagedDataError(f"shard {what}", where=self._where(shard))
         # Chunks that share bytes would make much data from a small file.
         if entries[:, 1].sum(dtype=np.float64) > room:
             raise DamagedDataError("shard index has overlapping chunks", where=self._where(shard))
