@@ -39,9 +39,10 @@ _READ_PIECE = 4 << 20
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
-def crc32c(data: Bytes) -> int:
-    """Return the CRC-32C (Castagnoli) of some bytes."""
-    return int(google_crc32c.value(bytes(data) if not isinstance(data, bytes) else data))
+def crc32c(data: Bytes | np.ndarray) -> int:
+    """Return the CRC-32C (Castagnoli) of some bytes, or of those of a read-only array."""
+    as_is = isinstance(data, bytes | np.ndarray)
+    return int(google_crc32c.value(data if as_is else bytes(data)))
 
 
 class ArrayWriter:
