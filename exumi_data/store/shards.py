@@ -365,6 +365,9 @@ class ArrayReader:
             return self.store.read_range(self._shard(shard), offset, length)
         chunk_bytes = self.document.chunk_bytes
         first, last = offset // chunk_bytes, (offset + length - 1) // chunk_bytes
+        if first == last:
+            start = offset - first * chunk_bytes
+            return self._chunk(shard, first)[start : start + length]
         data = b"".join(self._chunk(shard, chunk) for chunk in range(first, last + 1))
         start = offset - first * chunk_bytes
         return data[start : start + length]
@@ -416,6 +419,8 @@ class ArrayReader:
         self.check_shards()
         if document.nbytes > MAX_WHOLE_READ:
             raise self._too_much(document.nbytes)
+        if document.nbytes <= _READ_PIECE:  # most arrays of an episode
+            return np.frombuffer(self.bytes_at(0, document.nbytes), self.dtype).reshape(self.shape)
         try:
             out = np.empty(self.shape, dtype=self.dtype)
         except MemoryError:
