@@ -1,5 +1,6 @@
 """Contrastive batches of touch clips (Octopi-1.5)."""
 
+import operator
 from collections.abc import Iterator, Sequence
 from itertools import chain, product
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
@@ -279,7 +280,7 @@ class ContrastiveBatches(Dataset[Item]):
         if isinstance(index, BatchIndex):
             epoch, number = index
         else:
-            epoch, number = self.epoch, index.__index__()
+            epoch, number = self.epoch, operator.index(index)
         if not -len(self) <= number < len(self):
             msg = f"batch {number} of {len(self)}"
             raise IndexError(msg)

@@ -79,7 +79,7 @@ class DamagedClip:
         return f"{self.where}: {self.reason}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EncodedClips:
     """Clips with their vectors.
 
@@ -100,6 +100,9 @@ class EncodedClips:
 
     def __len__(self) -> int:
         return len(self.entries)
+
+    def __repr__(self) -> str:
+        return f"<EncodedClips: {len(self)} of {self.encoder}, {len(self.damaged)} damaged>"
 
     def embedding(self, index: int) -> Embedding:
         """Return one clip as a query.

@@ -90,6 +90,7 @@ def test_damaged_clips_are_left_out_and_named(
     every = encode_clips(damaged, TextureEncoder(3), on_corrupt="skip")
     np.testing.assert_array_equal(every.vectors, alone.vectors)
     assert (len(every.damaged), len(alone.damaged)) == (3, 0)
+    assert repr(every) == f"<EncodedClips: 5 of {TextureEncoder(3).digest}, 3 damaged>"
 
 
 def test_an_episode_that_changes_is_an_error_in_any_case(touches: exumi_data.Dataset) -> None:
