@@ -140,7 +140,7 @@ def moments_of(session: "PlaySession", grasp: int, span: Span) -> list[Moment]:
     held_s = np.linspace(known.t_contact_s, known.t_release_s, 400)
     depth = session.truth.contact_depth_m("left", held_s)
     press_s = held_s[int(np.argmax(depth > 0.99 * depth.max()))]
-    touch_s = held_s[int(np.argmax(depth > 0.25 * depth.max()))]
+    touch_s = held_s[int(np.argmax(depth > 0.4 * depth.max()))]
     place = session.truth.contact_pose("left", held_s)
     start = place[int(np.searchsorted(held_s, press_s))]
     # A turn of 0.1 rad moves the pad's edge about as far as a shift of 1 mm.
