@@ -151,8 +151,7 @@ def _load(
     from exumi_data.errors import MissingExtraError
 
     try:
-        # The gripper's pose alone: what the headset does is no action.
-        windows = exumi_loaders.TPPWindows(training, pose="pose", random_history=False, cache=False)
+        windows = exumi_loaders.TPPWindows(training, random_history=False, cache=False)
     except MissingExtraError as error:
         _step(console, 5, "Load windows", f"[yellow]left out[/]: {plain(error)}")
         return window_of_episode(prepared, shown.window_ns, "tactile_left")

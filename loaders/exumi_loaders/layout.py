@@ -102,13 +102,17 @@ def choose_layout(
     pose: Names = None,
     width: Names = None,
 ) -> Layout:
-    """Choose the streams: those named, or all of their kind.
+    """Choose the streams: those named, or all of their kind; of poses those of hands.
+
+    A recorder may add the headset's own pose. So where streams are called ``pose`` or ``pose_...``,
+    other pose streams have to be named to be taken.
 
     Parameters
     ----------
     dataset : Dataset
     tactile, rgb, pose, width : str or sequence of str, optional
-        Names, in the wanted order; default all of the kind, sorted. An empty sequence takes none.
+        Names, in the wanted order; default all of the kind (poses: of hands), sorted. An empty
+        sequence takes none.
 
     Returns
     -------
@@ -129,11 +133,17 @@ def choose_layout(
             if stream["kind"] in there:
                 kind = there[stream["kind"]]
                 kind[stream["name"]] = kind.get(stream["name"], 0) + 1
+    hands = {name: number for name, number in there["pose"].items() if _is_of_a_hand(name)}
+    there["pose"] = there["pose"] if pose is not None else hands or there["pose"]
     chosen = {kind: _chosen(dataset, kind, wanted[kind], there[kind]) for kind in wanted}
     layout = Layout(chosen["tactile"], chosen["rgb"], chosen["pose"], chosen["width"])
     if not layout.images:
         raise UsageError("no tactile and no rgb stream to make windows of", where=dataset.path)
     return layout
+
+
+def _is_of_a_hand(name: str) -> bool:
+    return name == "pose" or name.startswith("pose_")
 
 
 def _chosen(dataset: Dataset, kind: str, names: Names, there: dict[str, int]) -> tuple[str, ...]:

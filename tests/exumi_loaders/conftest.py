@@ -51,6 +51,8 @@ class Recipe:
     """(N, 7), or by the name of the stream."""
     extra: dict[str, Sequence[float]] = field(default_factory=dict)
     extra_rgb: dict[str, Sequence[float]] = field(default_factory=dict)
+    headset: bool = False
+    """Whether the headset's own poses are there, too."""
     grippers: dict[str, float] = field(default_factory=dict)
     """Of each side: how far its poses lie beside the known motion, metres."""
     parents: dict[str, str] = field(default_factory=dict)
@@ -134,6 +136,10 @@ def write_episode(root: Path, number: int, recipe: Recipe) -> str:
             _images(writer, "rgb", "rgb", recipe.rgb_s, recipe)
         for name, seconds in recipe.extra_rgb.items():
             _images(writer, name, "rgb", seconds, recipe)
+        if recipe.headset and recipe.pose_s is not None:
+            frames = Frames(parent="world", child="headset")
+            head = writer.add_stream("headset", kind="pose", clock=CLOCK, frames=frames)
+            head.append(nanoseconds(recipe.pose_s), smooth_poses(recipe.pose_s))
         for side, offset in (recipe.grippers or {"": 0.0}).items():
             _gripper(writer, f"_{side}" if side else "", offset, recipe)
     return episode_id

@@ -52,6 +52,14 @@ def test_all_grippers_are_taken_one_after_the_other(make_dataset: Any, recipe: A
         assert "between" not in alone[50]
 
 
+def test_a_headset_is_no_gripper_unless_it_is_named(make_dataset: Any, recipe: Any) -> None:
+    dataset = make_dataset(two_grippers(recipe, headset=True))
+    windows = open_windows(dataset)
+    assert windows.layout.pose == ("pose_left", "pose_right")
+    named = open_windows(dataset, pose=["headset", "pose_left"], width="width_left")
+    assert named.layout.pose == ("headset", "pose_left")
+
+
 def test_the_second_gripper_is_seen_from_the_first_at_step_zero(
     make_dataset: Any, recipe: Any
 ) -> None:
