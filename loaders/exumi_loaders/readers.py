@@ -109,8 +109,9 @@ class FrameReaders:
 def _most_open_files() -> int:
     allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     least, most = _OPEN_FILES
-    # RLIM_INFINITY is −1 on some systems.
-    return most if allowed < 0 else min(max(allowed // _SHARE, least), most)
+    if allowed == resource.RLIM_INFINITY:
+        return most
+    return min(max(allowed // _SHARE, least), most)
 
 
 def _changed(location: str, what: str) -> ChangedDataError:
