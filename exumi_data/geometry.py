@@ -153,7 +153,7 @@ def compose(first: npt.ArrayLike, second: npt.ArrayLike) -> Float64Array:
 
 
 def _product(a: Float64Array, b: Float64Array) -> Float64Array:
-    """Multiply unit quaternions (N, 4): bit for bit what SciPy gives, in an eighth of its time."""
+    """Multiply unit quaternions (N, 4): as SciPy does, in an eighth of its time."""
     from scipy.spatial.transform import Rotation
 
     ax, ay, az, aw = a.T
