@@ -1,7 +1,8 @@
 """What a second worker brings: the loader's windows per second, and a loop that only decodes.
 
 The loop decodes the JPEGs of whole episodes in one process and in two; the loader has one worker
-and two. The memory of each worker that is its own is read four times on the way::
+and two. The memory of each worker is read four times on the way: what is its own, and what it
+shares with this process to hand batches over::
 
     python benchmarks/workers.py --dataset WORK/windows-grey --json results/workers.json
 """
@@ -37,12 +38,13 @@ def main() -> None:
     windows = TPPWindows(dataset, cache=False)
     paths = [dataset.episode_location(index) for index in range(len(dataset))]
     rates: dict[str, list[float]] = {f"{a}_{n}": [] for a in ("loader", "decoding") for n in (1, 2)}
-    memory: list[list[float]] = []
+    memory: dict[str, list[list[float]]] = {"private": [], "shared": []}
     for _ in range(arguments.repeats):  # in turns: all see the same neighbours on the machine
         for number in (1, 2):
             rate, used = _loader(windows, number, arguments)
             rates[f"loader_{number}"].append(rate)
-            memory += used
+            for kind, rows in used.items():
+                memory[kind] += rows
             rates[f"decoding_{number}"].append(_decoding(paths, number))
     gain = {
         name: np.median(rates[f"{name}_2"]) / np.median(rates[f"{name}_1"])
@@ -53,18 +55,20 @@ def main() -> None:
         "per_s": {name: [round(value, 1) for value in values] for name, values in rates.items()},
         "gain_of_two": {name: round(float(value), 3) for name, value in gain.items()},
         "ratio": round(float(gain["loader"] / gain["decoding"]), 3),
-        "worker_private_mib": memory,
+        **{f"worker_{kind}_mib": rows for kind, rows in memory.items()},
     }
     report("workers", results, arguments.json)
 
 
 def _loader(
     windows: Any, number: int, arguments: argparse.Namespace
-) -> tuple[float, list[list[float]]]:
-    """Return windows a second once the workers run, and private MiB of each after each pass."""
+) -> tuple[float, dict[str, list[list[float]]]]:
+    """Return windows a second once the workers run, and MiB of each worker on the way."""
     options = {"num_workers": number, "persistent_workers": True}
     loader = windows.loader(arguments.batch, **options)
-    used: list[list[float]] = [[] for _ in range(number)]
+    used: dict[str, list[list[float]]] = {
+        kind: [[] for _ in range(number)] for kind in ("private", "shared")
+    }
     batches = iter(loader)
     for _ in range(4 * number):  # the workers have started, and opened what they need
         next(batches)
@@ -72,8 +76,9 @@ def _loader(
     for done in range(arguments.batch, arguments.windows + 1, arguments.batch):
         next(batches)
         if done % (arguments.windows // 4 // arguments.batch * arguments.batch) == 0:
-            for rows, worker in zip(used, batches._workers, strict=True):
-                rows.append(round(_private(worker.pid) / MIB, 1))
+            for place, worker in enumerate(batches._workers):
+                used["private"][place].append(round(_private(worker.pid) / MIB, 1))
+                used["shared"][place].append(round(_shared(worker.pid) / MIB, 1))
     rate = done / (time.perf_counter() - start)
     batches._shutdown_workers()
     return rate, used
@@ -85,6 +90,18 @@ def _private(pid: int) -> int:
     lines = (line.split() for line in text.splitlines()[1:])
     kib = {words[0].rstrip(":"): int(words[1]) for words in lines}
     return kib["Pss_Anon"] * 1024
+
+
+def _shared(pid: int) -> int:
+    """Bytes of shared memory that a process has, whoever else has it."""
+    size, counts = 0, False
+    for line in Path(f"/proc/{pid}/smaps").read_text(encoding="utf-8").splitlines():
+        words = line.split()
+        if not words[0].endswith(":"):
+            counts = len(words) > 5 and "/torch_" in words[5]
+        elif counts and words[0] == "Rss:":
+            size += int(words[1]) * 1024
+    return size
 
 
 def _decoding(paths: list[str], number: int) -> float:

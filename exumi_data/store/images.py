@@ -61,6 +61,7 @@ class Frames:
         self._source = source
         self._where = where
         self.shape = (len(source), images.height, images.width, images.channels)
+        self._fitting = ((images.height, images.width, 1), self.shape[1:])
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -161,11 +162,15 @@ class Frames:
         UsageError
             The buffer is not of that kind.
         """
-        count, *size = self.shape
-        fits = (*size[:2], 1), tuple(size)
-        if out.dtype != np.uint8 or len(out) != len(indices) or out.shape[1:] not in fits:
+        shape, count, read = out.shape, self.shape[0], self._source.read_into
+        if (
+            out.dtype != self.dtype
+            or not shape
+            or shape[0] != len(indices)
+            or shape[1:] not in self._fitting
+        ):
             raise UsageError(
-                f"a buffer of {out.shape} {out.dtype} for {len(indices)} frames of {tuple(size)}",
+                f"a buffer of {shape} {out.dtype} for {len(indices)} frames of {self.shape[1:]}",
                 where=self._where,
             )
         previous = -1
@@ -177,7 +182,7 @@ class Frames:
             if index == previous:
                 out[position] = out[position - 1]
             else:
-                self._source.read_into(index, out[position])
+                read(index, out[position])
             previous = index
 
     def file(self, index: int) -> bytes:

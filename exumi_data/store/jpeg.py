@@ -1,5 +1,7 @@
 """JPEG files: decoded straight into the caller's buffer, and never changed."""
 
+from functools import lru_cache
+
 import numpy as np
 import simplejpeg
 
@@ -11,6 +13,9 @@ _SOI, _EOI = b"\xff\xd8", b"\xff\xd9"
 _COM, _SOS = 0xFE, 0xDA
 _SCAN = b"\xff\xda"
 _MAX_SCANS = 64  # progressive ones of every writer have about ten
+_BASELINE = (0xC0, 0xC1)
+_TABLES = (0xC4, 0xDB, 0xDD, _COM, *range(0xE0, 0xF0))
+_MAX_HEADER = 4096
 _CHANNELS = {"Gray": 1, "YCbCr": 3, "RGB": 3}
 
 
@@ -58,6 +63,33 @@ def _check_scans(data: bytes) -> None:
         raise DamagedDataError(f"the JPEG has more than {_MAX_SCANS} scans")
 
 
+def _has_one_scan(data: bytes) -> bool:
+    """Whether the header shows that the decoder goes over the picture once, whatever follows.
+
+    That is so where the first scan of a baseline JPEG holds all components: libjpeg then refuses a
+    second one. Counting the scans of all frames would take a twentieth of decoding them.
+    """
+    start = data.find(_SCAN, 0, _MAX_HEADER)
+    return 0 < start <= len(data) - 5 and _promises_one_scan(data[: start + 5])
+
+
+@lru_cache(maxsize=64)  # the files of one writer have the same tables
+def _promises_one_scan(header: bytes) -> bool:
+    """Judge what leads to the first scan, and its marker, length and number of components."""
+    position, components, scan = 2, 0, len(header) - 5
+    while position < scan:
+        prefix, marker = header[position], header[position + 1]
+        length = int.from_bytes(header[position + 2 : position + 4], "big")
+        if prefix != 0xFF or length < 2:
+            return False
+        if marker in _BASELINE and not components:
+            components = int.from_bytes(header[position + 9 : position + 10], "big")
+        elif marker not in _TABLES:
+            return False
+        position += 2 + length
+    return header.startswith(_SOI) and position == scan and header[-1] == components > 0
+
+
 def comment(data: bytes) -> str | None:
     """Return the comment (COM segment) of a JPEG, or None. It often names the encoder."""
     position = 2
@@ -84,14 +116,17 @@ def decode_into(data: bytes, out: np.ndarray) -> None:
     DamagedDataError
         The JPEG is damaged, or its size is not that of `out`.
     """
-    _check_scans(data)
+    if not _has_one_scan(data):
+        _check_scans(data)
     try:
         decoded = simplejpeg.decode_jpeg(data, "GRAY" if out.shape[2] == 1 else "RGB", buffer=out)
     except ValueError as error:
+        _check_scans(data)
         _check_size(size_of(data), out)
         raise DamagedDataError(f"the JPEG is damaged ({error})") from None
     # The decoder fills the front of a buffer that is too large without a word.
-    _check_size(decoded.shape, out)
+    if decoded.shape != out.shape:
+        _check_size(decoded.shape, out)
 
 
 def _check_size(size: tuple[int, ...], out: np.ndarray) -> None:

@@ -14,10 +14,14 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
+from torch.utils.data import get_worker_info
+
+from exumi_loaders.shared_memory import SharedBlock, SharedBlocks
 
 __all__ = ["Batch", "BatchBuffers", "ItemSpec"]
 
 _KEPT = 4
+_LINE = 64  # bytes: each image stream begins at a cache line
 
 
 class ItemSpec(NamedTuple):
@@ -44,11 +48,13 @@ class Batch(NamedTuple):
 
     The arrays must not be kept: see `BatchBuffers.take`. Images are undefined until they are
     filled; everything else is zero. In place of images that stay JPEG files there is no tensor, and
-    an array of objects: `bytes`, or None where there is no frame.
+    an array of objects: `bytes`, or None where there is no frame. In a worker of a DataLoader the
+    images are in a block of shared memory.
     """
 
     tensors: dict[str, Tensor]
     arrays: dict[str, np.ndarray]
+    block: SharedBlock | None
 
 
 class BatchBuffers:
@@ -60,6 +66,7 @@ class BatchBuffers:
 
     def __init__(self) -> None:
         self._free: dict[tuple[int, str], deque[np.ndarray]] = {}
+        self._shared = SharedBlocks()
 
     def take(
         self, shape: tuple[int, ...], dtype: npt.DTypeLike = np.uint8
@@ -76,6 +83,34 @@ class BatchBuffers:
         weakref.finalize(owner, free.append, memory).atexit = False
         return torch.from_numpy(owner), memory.reshape(shape)
 
+    def images(
+        self, shapes: Mapping[str, tuple[int, ...]]
+    ) -> tuple[dict[str, tuple[Tensor, np.ndarray]], SharedBlock | None]:
+        """Return the memory of several streams of images of one batch.
+
+        Parameters
+        ----------
+        shapes : mapping of str to tuple of int
+
+        Returns
+        -------
+        images : dict of str to (Tensor, ndarray)
+            Each as of `take`.
+        block : SharedBlock or None
+            In a worker of a DataLoader: where they are, for `FilledBatch`.
+        """
+        if get_worker_info() is None or not shapes:
+            return {name: self.take(shape) for name, shape in shapes.items()}, None
+        rooms = [-(-math.prod(shape) // _LINE) * _LINE for shape in shapes.values()]
+        block = self._shared.take(sum(rooms))
+        memory, start = block.lend(), 0
+        taken = {}
+        for room, (name, shape) in zip(rooms, shapes.items(), strict=True):
+            array = memory[start : start + math.prod(shape)].reshape(shape)
+            taken[name] = torch.from_numpy(array), array
+            start += room
+        return taken, block
+
     def batch(self, spec: Mapping[str, ItemSpec], size: int) -> Batch:
         """Return memory for `size` items.
 
@@ -84,6 +119,9 @@ class BatchBuffers:
         spec : mapping of str to ItemSpec
         size : int
         """
+        taken, block = self.images(
+            {name: (size, *one.shape) for name, one in spec.items() if one.image and not one.files}
+        )
         tensors: dict[str, Tensor] = {}
         arrays: dict[str, np.ndarray] = {}
         for name, (shape, dtype, image, files) in spec.items():
@@ -92,15 +130,16 @@ class BatchBuffers:
             elif image:
                 # In the order that JPEG decoders write: torch sees it as channels-last images
                 # without a copy.
-                tensor, arrays[name] = self.take((size, *shape))
+                tensor, arrays[name] = taken[name]
                 tensors[name] = tensor.movedim(-1, -3)
             else:
                 arrays[name] = np.zeros((size, *shape), dtype=dtype)
                 tensors[name] = torch.from_numpy(arrays[name])
-        return Batch(tensors, arrays)
+        return Batch(tensors, arrays, block)
 
     def __getstate__(self) -> dict[str, object]:
         return {}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self._free = {}
+        self._shared = SharedBlocks()

@@ -13,6 +13,7 @@ from exumi_data.errors import DamagedDataError, UsageError
 from exumi_loaders.buffers import BatchBuffers
 from exumi_loaders.clips import Clips
 from exumi_loaders.draws import words
+from exumi_loaders.filled import FilledBatch
 from exumi_loaders.options import one_of
 from exumi_loaders.sampler import WindowIndex, WindowSampler
 from exumi_loaders.window_frames import OnCorrupt
@@ -88,7 +89,7 @@ class ClipBatches:
                     fix="Make frames of one size first: exumi prepare SRC DST --size 224",
                 )
 
-    def fill(self, chosen: np.ndarray, redraw: Redraw | None = None) -> Item:
+    def fill(self, chosen: np.ndarray, redraw: Redraw | None = None) -> FilledBatch:
         """Decode clips, all of one size.
 
         Parameters
@@ -111,7 +112,7 @@ class ClipBatches:
 
     def fill_single(
         self, chosen: np.ndarray, which: np.ndarray, redraw: Redraw | None = None
-    ) -> Item:
+    ) -> FilledBatch:
         """Decode one frame of each clip.
 
         Parameters
@@ -130,19 +131,24 @@ class ClipBatches:
         """
         batch = self._fill(chosen, which[:, None], redraw)
         valid = batch.pop("frames_valid")[:, 0]
-        return {**batch, "frames": batch["frames"][:, 0], "valid": valid}
+        batch |= {"frames": batch["frames"][:, 0], "valid": valid}
+        return batch
 
-    def _fill(self, chosen: np.ndarray, which: np.ndarray, redraw: Redraw | None) -> Item:
+    def _fill(self, chosen: np.ndarray, which: np.ndarray, redraw: Redraw | None) -> FilledBatch:
         """Decode frames `which` (..., k) of the clips `chosen` (...)."""
         count = which.shape[-1]
         flat = chosen.ravel().copy()
         size = self.size(int(flat[0]))
         # In the order that decoders write: torch sees it as channels-last images without a copy.
-        buffer, out = self._buffers.take((*which.shape, *size))
+        shapes = {"frames": (*which.shape, *size)}
+        if self._references:
+            shapes["reference"] = (*chosen.shape, *size)
+        images, block = self._buffers.images(shapes)
+        buffer, out = images["frames"]
         frames = out.reshape(len(flat), count, *size)
         references = reference_out = None
         if self._references:
-            references, space = self._buffers.take((*chosen.shape, *size))
+            references, space = images["reference"]
             reference_out = space.reshape(len(flat), *size)
         wanted = which.reshape(len(flat), count)
         damaged = self._read(flat, wanted, frames, reference_out)
@@ -173,7 +179,7 @@ class ClipBatches:
         if self._on_corrupt == "substitute":
             black = damaged.sum(axis=1).reshape(chosen.shape)
             batch["substituted"] = torch.from_numpy(black.astype(np.int64))
-        return batch
+        return FilledBatch(batch, block)
 
     def _read(
         self,

@@ -14,6 +14,7 @@ from exumi_loaders.clip_batches import ClipBatches, Item, as_is
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clip, Clips
 from exumi_loaders.epochs import EpochSampler
+from exumi_loaders.filled import FilledBatch
 from exumi_loaders.pairing import PairRules, batch_count, pair_batches, shuffled_batches
 from exumi_loaders.window_frames import OnCorrupt
 
@@ -290,9 +291,10 @@ class ContrastiveBatches(Dataset[Item]):
             batch = self._without_damage(batch, self._members[group])
         clips = batch["clip"][:, 0].tolist()
         part = [self._part_index[self._part_of(clip)] for clip in clips]
-        return {**batch, "part": torch.tensor(part), "group": torch.tensor(group)}
+        names = {"part": torch.tensor(part), "group": torch.tensor(group)}
+        return FilledBatch({**batch, **names}, batch.block)
 
-    def _without_damage(self, batch: Item, members: _Members) -> Item:
+    def _without_damage(self, batch: FilledBatch, members: _Members) -> FilledBatch:
         """Replace clips that are damaged, or leave their parts out."""
         pairs = batch["clip"].numpy()
         replaced = np.zeros_like(pairs)
@@ -311,7 +313,7 @@ class ContrastiveBatches(Dataset[Item]):
             replaced = (replaced + bad)[kept]
             pairs = np.array([pair for pair in other if pair is not None])
             batch = self._batches.fill(pairs)
-        return {**batch, "replaced": torch.from_numpy(replaced)}
+        return FilledBatch({**batch, "replaced": torch.from_numpy(replaced)}, batch.block)
 
     def _sound_pair(
         self, pair: list[int], members: _Members, damaged: set[int]

@@ -178,11 +178,11 @@ class PropertyWindows(Dataset[Item]):
             return np.asarray(self._clip[chosen[rows]])
 
         filled = self._batches.fill(self._clip[chosen], redraw)
-        return FilledBatch(
-            filled,
-            rating=torch.from_numpy(self.rating[chosen]),
-            rating_valid=torch.from_numpy(self.rating_valid[chosen]),
-        )
+        ratings = {
+            "rating": torch.from_numpy(self.rating[chosen]),
+            "rating_valid": torch.from_numpy(self.rating_valid[chosen]),
+        }
+        return FilledBatch({**filled, **ratings}, filled.block)
 
     def loader(
         self,

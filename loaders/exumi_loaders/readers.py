@@ -1,5 +1,6 @@
 """Frames of many episodes: readers are kept, open files are few."""
 
+import resource
 from collections import OrderedDict
 
 import numpy as np
@@ -12,7 +13,8 @@ from exumi_data.store.images import Frames
 
 __all__ = ["FrameReaders"]
 
-_OPEN_FILES = 128
+_OPEN_FILES = 128, 1024  # at least, at most: to open one costs a sixth of decoding a frame
+_SHARE = 16  # of what a process may have open
 _KEPT = {"encoded": 2048, "array": 2048}
 _KEPT_VIDEO = 8  # each holds a whole video file and a decoder
 
@@ -35,7 +37,7 @@ class FrameReaders:
         self._locations = [dataset.episode_location(index) for index in range(len(dataset))]
         self._roots = roots
         self._kept = {name: _KEPT.get(kind, _KEPT_VIDEO) for name, kind in encodings.items()}
-        self._files = OpenFiles(_OPEN_FILES)
+        self._files = OpenFiles(_most_open_files())
         self._readers: dict[str, OrderedDict[int, tuple[Frames, np.ndarray | None]]] = {
             name: OrderedDict() for name in encodings
         }
@@ -48,7 +50,7 @@ class FrameReaders:
         self._locations = state["locations"]  # type: ignore[assignment]  # as __getstate__ wrote
         self._kept = state["kept"]  # type: ignore[assignment]
         self._roots = state["roots"]  # type: ignore[assignment]
-        self._files = OpenFiles(_OPEN_FILES)
+        self._files = OpenFiles(_most_open_files())
         self._readers = {name: OrderedDict() for name in self._kept}
         self._last = None
 
@@ -102,6 +104,14 @@ class FrameReaders:
         ):
             raise _changed(location, "is another revision than the one these windows were made of")
         return opened
+
+
+def _most_open_files() -> int:
+    allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    least, most = _OPEN_FILES
+    if allowed == resource.RLIM_INFINITY:
+        return most
+    return min(max(allowed // _SHARE, least), most)
 
 
 def _changed(location: str, what: str) -> ChangedDataError:

@@ -17,7 +17,6 @@ from exumi_loaders.clip_batches import (
 )
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clips
-from exumi_loaders.filled import FilledBatch
 from exumi_loaders.sampler import WindowIndex
 from exumi_loaders.window_frames import OnCorrupt
 
@@ -135,7 +134,7 @@ class TwoViews(Dataset[Item]):
             drawn = replacements(self._seed, indices, rows, tries, len(self))
             return np.asarray(drawn // self.clips.frames)
 
-        return FilledBatch(self._batches.fill_single(clip, which, redraw))
+        return self._batches.fill_single(clip, which, redraw)
 
     def loader(
         self,

@@ -121,7 +121,8 @@ class Windows(Dataset[Item]):
                 if spec.files
                 else batch.tensors[name]
                 for name, spec in self.spec.items()
-            }
+            },
+            batch.block,
         )
 
     def _resolve(

@@ -280,3 +280,10 @@ def test_interpolation_refuses_what_it_cannot_do() -> None:
         interpolate_poses([0, 1], np.zeros((2, 7)), [0], 1)
     with pytest.raises(ValueError, match="do not fit"):
         interpolate_poses([0, 1], np.zeros(7), [0], 1)
+
+
+def test_products_of_quaternions_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(3)
+    a, b = rng.normal(size=(2, 500, 7))
+    expected = Rotation.from_quat(a[:, 3:]) * Rotation.from_quat(b[:, 3:])
+    np.testing.assert_allclose(compose(a, b)[:, 3:], expected.as_quat(), rtol=0, atol=4e-16)

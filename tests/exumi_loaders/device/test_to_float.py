@@ -8,6 +8,7 @@ import torch
 
 from exumi_data.errors import UsageError
 from exumi_loaders import ToFloat
+from exumi_loaders.device import to_float
 
 
 def frames(channels: int, windows: int = 2) -> torch.Tensor:
@@ -29,6 +30,29 @@ def test_equals_the_division(channels: int, memory: str) -> None:
         np.testing.assert_array_equal(found.numpy(), right)
         last = found.movedim(-3, -1)
         assert (found if memory == "contiguous" else last).is_contiguous()
+
+
+@pytest.mark.parametrize("memory", ["kept", "contiguous"])
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("windows", [0, 1, 5])
+def test_a_batch_is_converted_piece_by_piece(
+    windows: int, channels: int, memory: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    images = frames(channels, windows)
+    monkeypatch.setattr(to_float, "_AT_ONCE", 2 * images[:1].numel())  # pieces of two windows
+    found = ToFloat(memory=memory).convert(images)  # type: ignore[arg-type]  # one of the two words
+    np.testing.assert_array_equal(
+        found.numpy(), images.numpy().astype(np.float32) / np.float32(255)
+    )
+
+
+def test_a_single_image_is_fine() -> None:
+    image = frames(3)[0, 0]
+    for memory in ("kept", "contiguous"):
+        found = ToFloat(memory=memory).convert(image)
+        np.testing.assert_array_equal(
+            found.numpy(), image.numpy().astype(np.float32) / np.float32(255)
+        )
 
 
 def test_memory_that_is_no_decoders_is_fine() -> None:
