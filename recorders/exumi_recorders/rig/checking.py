@@ -15,7 +15,7 @@ from exumi_recorders.journal.space import SpaceLimits, free_bytes, seconds_left
 from exumi_recorders.rig.calibration_gates import calibration_gates, width_gate
 from exumi_recorders.rig.calibrations import read_calibrations
 from exumi_recorders.rig.device_gates import device_gates, flag_gate, world_frame_gates
-from exumi_recorders.rig.devices import recorded_devices
+from exumi_recorders.rig.devices import recorded_devices, recorded_ports
 from exumi_recorders.rig.finger_gates import finger_gates
 from exumi_recorders.rig.gate import Gate
 from exumi_recorders.rig.hub_clock import clock_gates, read_clock_state
@@ -26,6 +26,7 @@ from exumi_recorders.session.plan import Calibrated
 __all__ = ["RigReport", "check_rig", "disk_gate", "hook_gates"]
 
 _EASY = 5.0
+_LONG = 600
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +78,17 @@ def check_rig(
     seconds : float
     """
     calibrated, gates = _calibration_of(rig, calibrated)
-    probed = probe(recorded_devices(rig), seconds)
+    devices = recorded_devices(rig)
+    ports = recorded_ports(devices)
+    probed = probe(devices, seconds)
     for device in probed:
         gates += device_gates(device, seconds=seconds, least_rate=rig.limits.least_rate)
     gates += world_frame_gates(rig, probed)
     gates.append(flag_gate(rig, probed))
     streams = [stream for device in probed for stream in device.streams.values()]
     gates += finger_gates(streams, calibrated.arrays)
-    ports = {stream.name: stream.port for stream in streams}
+    # Of a device that could not be opened, what its options say.
+    ports |= {stream.name: stream.port for stream in streams}
     gates += _calibration_gates(ports, calibrated, probed)
     gates.append(disk_gate(rig, list(ports.values()), out))
     gates += clock_gates(datetime.now(UTC), read_clock_state(), calibrated.items.values())
@@ -115,7 +119,7 @@ def _calibration_gates(
     """Judge the calibration; of a width, also what the encoder says now."""
     latest = {stream.name: stream.latest for device in probed for stream in device.streams.values()}
     return [
-        width_gate(gate.where, ports[gate.where], calibrated.items, latest[gate.where])
+        width_gate(gate.where, ports[gate.where], calibrated.items, latest.get(gate.where))
         if gate.name == WIDTH_MAP
         else gate
         for gate in calibration_gates(ports, calibrated.items)
@@ -149,12 +153,12 @@ def disk_gate(rig: Rig, ports: Sequence[Port], out: Path | None = None) -> Gate:
         expected = f"{limits.soft_bytes / 1e9:.2f} GB or more"
         return Gate("disk", str(out), "fail", f"{free / 1e9:.2f} GB are free", expected, fix)
     minutes = seconds_left(folder, ports, limits) / 60
-    found = f"{minutes:.0f} minutes"
+    found = f"{minutes:.0f} minutes" if minutes < _LONG else f"{minutes / 60:.0f} hours"
     if minutes < least:
         return Gate("disk", str(out), "fail", found, expected, fix)
     if minutes < _EASY * least:
         return Gate("disk", str(out), "warn", found, expected, fix)
-    return Gate("disk", str(out), "pass", found if ports else "nothing to record", expected)
+    return Gate("disk", str(out), "pass", found, expected)
 
 
 def hook_gates(rig: Rig) -> list[Gate]:

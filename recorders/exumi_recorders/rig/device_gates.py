@@ -150,8 +150,8 @@ def world_frame_gates(rig: Rig, probed: Sequence[ProbedDevice]) -> list[Gate]:
             continue
         verdict: Verdict = "fail" if needed else "warn"
         fix = (
-            "Set the world frame in the app. The exUMI and ARCap apps send it once only: leave this "
-            "program waiting (--seconds 20), or start the recorder, before you set it."
+            "Mark the world in the app. The exUMI and ARCap apps send it once only: mark it while "
+            "this program listens (--seconds 20), and again when the recorder does."
         )
         gates.append(Gate("world_frame", device.name, verdict, "not received", expected, fix))
     return gates
