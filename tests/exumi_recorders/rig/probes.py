@@ -68,7 +68,7 @@ def gel(seed: int, *, height: int = 96, width: int = 128) -> Image:
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     across, down = np.random.default_rng(seed).uniform(-0.35, 0.35, 2)
     levels = 120 + across * (x - width / 2) + down * (y - height / 2)
-    return np.repeat(levels[..., None], 3, axis=2).astype(np.uint8)
+    return np.asarray(np.repeat(levels[..., None], 3, axis=2), np.uint8)
 
 
 def pressed(image: Image) -> Image:
@@ -76,7 +76,7 @@ def pressed(image: Image) -> Image:
     height, width = image.shape[:2]
     y, x = np.mgrid[0:height, 0:width]
     blob = np.exp(-((x - width / 2) ** 2 + (y - height / 2) ** 2) / 200)
-    return np.clip(image - 60.0 * blob[..., None], 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(image - 60.0 * blob[..., None], 0, 255), np.uint8)
 
 
 def shot(image: Image) -> bytes:

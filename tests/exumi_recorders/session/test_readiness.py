@@ -23,31 +23,31 @@ RIG = parse_rig(
 )
 
 
-def judged(*, uncalibrated: bool = False, **items: CalibrationItem) -> str | None:
+def judged(items: dict[str, CalibrationItem], *, uncalibrated: bool = False) -> str | None:
     return check_calibration(RIG, Calibrated(items), uncalibrated=uncalibrated)
 
 
 def test_without_a_map_it_is_refused() -> None:
     with pytest.raises(UsageError, match=r"width_map of width.*exumi calibrate gripper") as caught:
-        judged()
+        judged({})
     assert "--uncalibrated" in str(caught.value)
     broken = MAP.model_copy(update={"value": {"raw_to_data": {"raw": [3], "data": [0.0]}}})
     with pytest.raises(UsageError, match="width_map of width"):
-        judged(width_map=broken)
+        judged({"width_map": broken})
 
 
 def test_unless_it_is_said() -> None:
-    warning = judged(uncalibrated=True)
+    warning = judged({}, uncalibrated=True)
     assert warning is not None
     assert warning.startswith("not calibrated: width_map of width; latency of pose; exumi rig")
 
 
 def test_what_is_doubtful_is_told() -> None:
-    warning = judged(width_map=MAP)
+    warning = judged({"width_map": MAP})
     assert warning is not None
     assert warning.startswith("not calibrated: latency of pose; ")
 
 
 def test_nothing_is_said_of_a_rig_that_is_calibrated() -> None:
     latency = CalibrationItem(value=12_000_000, unit="ns", time=now())
-    assert judged(width_map=MAP, **{"latency/pose": latency}) is None
+    assert judged({"width_map": MAP, "latency/pose": latency}) is None
