@@ -58,6 +58,8 @@ class StreamView:
     def __len__(self) -> int:
         from exumi_data.store.shards import open_array
 
+        if "time" in self.__dict__:  # read already
+            return len(self.time)
         return open_array(self._episode.store, f"{self._path}/time").shape[0]
 
     def array(self, name: str) -> np.ndarray:

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from exumi_data.cli import (
+    attach,
     calibrate_group,
     convert,
     demo,
@@ -46,6 +47,7 @@ app = typer.Typer(
 )
 
 app.command("demo", epilog=demo.EPILOG)(demo.run)
+app.command("attach", epilog=attach.EPILOG)(attach.run)
 app.add_typer(calibrate_group.app, name="calibrate")
 app.command("convert", epilog=convert.EPILOG)(convert.run)
 app.command("prepare", epilog=prepare.EPILOG)(prepare.run)

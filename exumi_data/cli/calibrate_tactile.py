@@ -11,7 +11,7 @@ from exumi_data.cli.calibrate_options import OutOption, finish, numbers
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Sequence
 
     import numpy as np
 
@@ -24,8 +24,6 @@ EPILOG = epilog(
     "exumi calibrate tactile play.zarr --stream tactile_left --has-contact --out rig.json",
     "exumi calibrate tactile --stream tactile_left --ninedtact sensor_1 --out rig.json",
 )
-
-_IMAGES = (".png", ".jpg", ".jpeg", ".bmp")
 
 
 def run(  # options of the command line
@@ -67,7 +65,8 @@ def run(  # options of the command line
     parts: dict[str, Calibration] = {}
     if recording is not None:
         with _frames(recording, stream) as frames:
-            parts["reference"] = tactile.captured_reference(frames, stream, has_contact=has_contact)
+            capture = tactile.selected_reference if has_contact else tactile.captured_reference
+            parts["reference"] = capture(frames, stream)
     if ninedtact is not None:
         parts.update(_imported(ninedtact, stream, crop))
     if mm_per_px is not None:
@@ -105,25 +104,12 @@ def _imported(folder: Path, stream: str, crop: str | None) -> "dict[str, Calibra
 
 
 @contextmanager
-def _frames(recording: Path, stream: str) -> "Iterator[Iterable[np.ndarray]]":
+def _frames(recording: Path, stream: str) -> "Iterator[Sequence[np.ndarray]]":
     from exumi_data.episode import open_episode
-    from exumi_recorders.calibration.recordings import stream_of
+    from exumi_recorders.calibration.recordings import ImageFolder, stream_of
 
     if recording.is_dir() and not (recording / "zarr.json").exists():
-        yield _images(recording)
+        yield ImageFolder(recording)
         return
     with open_episode(recording) as episode:
-        yield stream_of(episode, "tactile", stream).frames
-
-
-def _images(folder: Path) -> "Iterator[np.ndarray]":
-    import cv2
-    import numpy as np
-
-    from exumi_data.errors import SourceError
-
-    for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in _IMAGES):
-        image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
-        if image is None:
-            raise SourceError("no image", where=path)
-        yield np.ascontiguousarray(image[..., ::-1])
+        yield stream_of(episode, "tactile", stream).frames  # type: ignore[misc]  # len and [i], which is what is needed of a sequence

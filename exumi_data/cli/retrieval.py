@@ -1,5 +1,7 @@
 """``exumi index build | query | teach | forget | info | eval``."""
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +12,7 @@ from exumi_data.cli.options import Format, FormatOption, QuietOption, WorkersOpt
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
-    from exumi_loaders import Embedding, Encoder, Score, TactileIndex
+    from exumi_loaders import DamagedClip, Embedding, Encoder, Score, TactileIndex
 
 __all__ = [
     "BUILD_EPILOG",
@@ -41,7 +43,7 @@ TEACH_EPILOG = epilog(
     'exumi index teach my-index my-dataset --episode 4 --name "an egg" --by model',
 )
 FORGET_EPILOG = epilog('exumi index forget my-index "an egg"')
-INFO_EPILOG = epilog("exumi index info my-index", "exumi index info my-index --format json")
+INFO_EPILOG = epilog("exumi index info my-index", "exumi index info my-index --verify")
 EVAL_EPILOG = epilog(
     "exumi index eval my-index my-dataset --split by-trial/test",
     "exumi index eval my-index my-dataset --leave-one-out",
@@ -87,6 +89,10 @@ _Parts = Annotated[
     list[str] | None,
     typer.Option("--part", metavar="ID", help="All clips of a part; can be repeated."),
 ]
+_KeepGoing = Annotated[
+    bool,
+    typer.Option("--keep-going", help="Exit with 0 although some clips are damaged."),
+]
 
 
 def build(  # noqa: PLR0913, PLR0917  # options of the command line
@@ -96,6 +102,7 @@ def build(  # noqa: PLR0913, PLR0917  # options of the command line
     stream: _Stream = None,
     frames: Annotated[int, typer.Option(min=1, help="Salient frames a clip.")] = 10,
     model: _Model = None,
+    keep_going: _KeepGoing = False,
     output: FormatOption = Format.TEXT,
     workers: WorkersOption = None,
     quiet: QuietOption = False,
@@ -103,13 +110,14 @@ def build(  # noqa: PLR0913, PLR0917  # options of the command line
     """Build an index of the touch clips of a dataset.
 
     The folder appears when the index is complete. It says which episodes, which split and which
-    encoder it was made of.
+    encoder it was made of. Damaged clips are left out, counted and named; exit code 1 then.
     """
     from exumi_data.cli.output import progress_of
     from exumi_data.engine import default_workers
     from exumi_loaders import TactileIndex
 
     encoder = _vision(model)
+    damaged: list[DamagedClip] = []
     with progress_of("Encoding", quiet=quiet) as update:
         index = TactileIndex.build(
             _dataset(dataset),
@@ -120,9 +128,12 @@ def build(  # noqa: PLR0913, PLR0917  # options of the command line
             frames=frames,
             # A model is not sent to other processes: it uses the cores itself.
             workers=(workers or default_workers()) if encoder is None else 1,
+            on_corrupt="skip",
+            on_damaged=damaged.append,
             on_done=lambda done, total: update(done, total, ""),
         )
-    _print_info(index, output)
+    _print_info(index, output, damaged_clips=[asdict(clip) for clip in damaged])
+    _finish(damaged, keep_going=keep_going)
 
 
 def query(  # noqa: PLR0913, PLR0917  # options of the command line
@@ -232,11 +243,44 @@ def forget(
         print(printable(f"{path}: forgot {len(gone)} of {gone[0].name}"))
 
 
-def info(path: _Index, output: FormatOption = Format.TEXT) -> None:
-    """Say what an index holds, and what it was made from."""
+def info(
+    path: _Index,
+    verify: Annotated[
+        bool,
+        typer.Option("--verify", help="Read all files and compare their checksums."),
+    ] = False,
+    output: FormatOption = Format.TEXT,
+) -> None:
+    """Say what an index holds, and what it was made from.
+
+    With --verify, exit code 1 if a file is damaged; all of those are named.
+    """
     from exumi_loaders import TactileIndex
 
-    _print_info(TactileIndex.open(path), output)
+    if verify:
+        _verify(path, output)
+    else:
+        _print_info(TactileIndex.open(path), output)
+
+
+def _verify(path: Path, output: Format) -> None:
+    from exumi_data.cli.failures import FOUND_WRONG
+    from exumi_data.cli.output import error_console, print_json, printable
+    from exumi_loaders import TactileIndex, verify_index
+
+    damaged = [{"where": error.where, "reason": error.what} for error in verify_index(path)]
+    if not damaged:
+        _print_info(TactileIndex.open(path), output, damaged_files=[])
+        if output is Format.TEXT:
+            print("  verified  every file is as it was written")
+        return
+    if output is Format.JSON:
+        print_json({"path": str(path), "damaged_files": damaged})
+    console = error_console()
+    console.print(f"[bold red]error:[/] {len(damaged):,} file(s) are damaged:")
+    for one in damaged:
+        console.print(printable(f"  {one['where']}: {one['reason']}"), markup=False)
+    raise typer.Exit(FOUND_WRONG)
 
 
 def evaluate(  # noqa: PLR0913, PLR0917  # options of the command line
@@ -252,13 +296,15 @@ def evaluate(  # noqa: PLR0913, PLR0917  # options of the command line
         ),
     ] = False,
     model: _Model = None,
+    keep_going: _KeepGoing = False,
     output: FormatOption = Format.TEXT,
     workers: WorkersOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Score an index: how often the right part or object comes first, or among the first five.
 
-    Queries that are in the index are refused: they would find themselves.
+    Queries that are in the index are refused: they would find themselves. Damaged clips are left
+    out and named; exit code 1 then.
     """
     from exumi_data.cli.output import progress_of
     from exumi_data.engine import default_workers
@@ -279,6 +325,7 @@ def evaluate(  # noqa: PLR0913, PLR0917  # options of the command line
             stream=stream,
             frames=index.document.frames,
             workers=(workers or default_workers()) if model is None else 1,
+            on_corrupt="skip",
             on_done=lambda done, total: update(done, total, ""),
         )
     if leave_one_out:
@@ -289,6 +336,7 @@ def evaluate(  # noqa: PLR0913, PLR0917  # options of the command line
     else:
         scores = score(index, clips)
     _print_scores(scores, output)
+    _finish(clips.damaged, keep_going=keep_going)
 
 
 def _dataset(path: Path) -> "Dataset":
@@ -384,12 +432,28 @@ def _labels(words: list[str]) -> dict[str, float]:
     return labels
 
 
-def _print_info(index: "TactileIndex", output: Format) -> None:
+def _finish(damaged: "Sequence[DamagedClip]", *, keep_going: bool) -> None:
+    """Name the clips that were left out; end with exit code 1 then, unless told to keep going."""
+    from exumi_data.cli.failures import FOUND_WRONG
+    from exumi_data.cli.output import error_console, printable
+
+    if not damaged:
+        return
+    console = error_console()
+    console.print(f"[bold red]error:[/] {len(damaged):,} clip(s) are damaged and were left out:")
+    for clip in damaged:
+        console.print(printable(f"  {clip}"), markup=False)
+    if not keep_going:
+        raise typer.Exit(FOUND_WRONG)
+
+
+def _print_info(index: "TactileIndex", output: Format, **more: object) -> None:
+    """Print what an index is; as JSON with `more`."""
     from exumi_data.cli.output import print_json, printable
 
     about = index.info()
     if output is Format.JSON:
-        print_json(about.as_dict())
+        print_json({**about.as_dict(), **more})
         return
     counts = (
         f"{about.path}: {about.entries:,} entries of {about.objects:,} objects, "
@@ -398,6 +462,8 @@ def _print_info(index: "TactileIndex", output: Format) -> None:
     made = "nothing that is stated"
     if about.dataset is not None:
         made = f"{about.dataset} ({about.split or 'all of it'}), digest {about.dataset_digest}"
+        if about.damaged:
+            made += f"; {about.damaged:,} damaged clips left out"
     compared = f"{about.dimension} dimensions, {about.space or 'as the encoder gives them'}"
     for line in (
         counts,

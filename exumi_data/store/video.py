@@ -28,6 +28,7 @@ __all__ = [
 MAX_PIXELS = 1 << 25
 """Pixels of the largest frame that is decoded: more than 8K has."""
 _MARGIN = 128  # decoders fill up the edges
+_PASS_OVER = 48  # AVDISCARD_ALL
 _LEAST_PIXELS = 1 << 20  # and have buffers that do not shrink with the picture
 
 _EXTENSIONS = {
@@ -187,6 +188,10 @@ class VideoDecoder:
         What the container says; 0 when it does not say.
     encoder : str or None
         Who made the file, as it says itself.
+    duration_s : float or None
+        Of the video, as the container says.
+    tags : dict of str to str
+        What the container and its video say in words, such as ``timecode`` and ``creation_time``.
     problem : str or None
         Why decoding ended before the end of the file, once it has.
     """
@@ -209,6 +214,10 @@ class VideoDecoder:
         self.declared_frames: int = stream.frames
         names = (stream.metadata.get("encoder"), self._container.metadata.get("encoder"))
         self.encoder: str | None = " ".join(filter(None, names)) or None
+        self.duration_s: float | None = (
+            float(stream.duration * stream.time_base) if stream.duration else None
+        )
+        self.tags: dict[str, str] = {**self._container.metadata, **stream.metadata}
         self.problem: str | None = None
 
     def __enter__(self) -> "VideoDecoder":
@@ -249,8 +258,24 @@ class VideoDecoder:
 
     def packets(self) -> Iterator[Any]:
         """Yield the packets of the video stream, undecoded."""
+        yield from self._packets((self._stream,))
+
+    def data_packets(self) -> Iterator[Any]:
+        """Yield the packets of the tracks that are neither picture nor sound; pass over the rest.
+
+        Nothing else can be read from this decoder afterwards.
+        """
+        wanted = tuple(self._container.streams.data)
+        for stream in self._container.streams:
+            # Older PyAV cannot pass over them, and reads them in vain.
+            if stream.type != "data" and hasattr(stream, "discard"):
+                stream.discard = _PASS_OVER
+        if wanted:
+            yield from self._packets(wanted)
+
+    def _packets(self, streams: tuple[Any, ...]) -> Iterator[Any]:
         try:
-            for packet in self._container.demux(self._stream):
+            for packet in self._container.demux(*streams):
                 if packet.size:
                     yield packet
         except (av.FFmpegError, OSError, ValueError) as error:

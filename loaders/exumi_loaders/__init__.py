@@ -29,13 +29,14 @@ if TYPE_CHECKING:
     from exumi_loaders.policy_stream import LateStreamError, PolicyStream
     from exumi_loaders.properties import PropertyWindows
     from exumi_loaders.representation import TactileRepresentation
-    from exumi_loaders.retrieval.building import Embedding, EncodedClips, encode_clips
+    from exumi_loaders.retrieval.building import DamagedClip, Embedding, EncodedClips, encode_clips
     from exumi_loaders.retrieval.entries import Entry
     from exumi_loaders.retrieval.guessing import guessing_game
     from exumi_loaders.retrieval.index import TactileIndex
     from exumi_loaders.retrieval.matches import Match
     from exumi_loaders.retrieval.scoring import Score, evaluate, leave_one_out
     from exumi_loaders.retrieval.sorting import felt_rating, tactile_sorting
+    from exumi_loaders.retrieval.verifying import verify_index
     from exumi_loaders.sampler import WindowIndex, WindowSampler
     from exumi_loaders.texture import TextureEncoder
     from exumi_loaders.timeline import Timeline, TimelineSettings, build_timeline
@@ -53,6 +54,7 @@ __all__ = [
     "ColourJitter",
     "ConcatWindows",
     "ContrastiveBatches",
+    "DamagedClip",
     "DecodeJpeg",
     "Embedding",
     "EncodedClips",
@@ -93,6 +95,7 @@ __all__ = [
     "leave_one_out",
     "prefetch_to_device",
     "tactile_sorting",
+    "verify_index",
 ]
 
 _HOME = {
@@ -105,6 +108,7 @@ _HOME = {
     "ColourJitter": "device.colour",
     "ConcatWindows": "concat",
     "ContrastiveBatches": "contrastive",
+    "DamagedClip": "retrieval.building",
     "DecodeJpeg": "device.jpeg",
     "Embedding": "retrieval.building",
     "EncodedClips": "retrieval.building",
@@ -145,6 +149,7 @@ _HOME = {
     "leave_one_out": "retrieval.scoring",
     "prefetch_to_device": "device.prefetch",
     "tactile_sorting": "retrieval.sorting",
+    "verify_index": "retrieval.verifying",
 }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from exumi_data.errors import UsageError
 from exumi_loaders.draws import uniform
-from exumi_loaders.epochs import EpochSampler, refuse_other
+from exumi_loaders.epochs import EpochSampler
 from exumi_loaders.sampler import WindowIndex
 
 __all__ = ["EXUMI_REJECT", "EXUMI_RETRIES", "ActiveWindowSampler"]
@@ -72,13 +72,17 @@ class ActiveWindowSampler(EpochSampler[WindowIndex]):
         Slots of an epoch, of all ranks together; default ``len(windows)``. It is rounded up to a
         multiple of `world_size`, so that all ranks have as many.
     seed : int
-    rank, world_size : int
+    rank : int
         Of this process in distributed training.
+    world_size : int, optional
+        Ranks that share an epoch out. Default 1, which is refused in a process group of more: all
+        of them would train on the same. 1 itself says that something else shares it out.
 
     Attributes
     ----------
     epoch : int
-        The epoch that the next iteration runs; grows by one at the end of each.
+        The epoch that the next iteration runs. It grows by one when an iteration begins, whether
+        that comes to its end or not.
     active_share : float
         The share of active windows that is to be expected.
 
@@ -109,17 +113,17 @@ class ActiveWindowSampler(EpochSampler[WindowIndex]):
         count: int | None = None,
         seed: int = 0,
         rank: int = 0,
-        world_size: int = 1,
+        world_size: int | None = None,
     ) -> None:
-        super().__init__()
-        _check(reject=reject, retries=retries, count=count, rank=rank, world_size=world_size)
+        super().__init__(rank, world_size)
+        _check(reject=reject, retries=retries, count=count)
         active = _active(windows, reject)
         relative = None if weights is None else _weights(weights, len(active))
         self._active = _Pool(np.flatnonzero(active), relative)
         self._inactive = _Pool(np.flatnonzero(~active), relative)
         self.active_share = _share(self._active.total, self._inactive.total, reject, retries)
-        self._seed, self._rank, self._world = seed, rank, world_size
-        self._rounds = -(-(len(active) if count is None else count) // world_size)
+        self._seed = seed
+        self._rounds = -(-(len(active) if count is None else count) // self._world)
 
     @classmethod
     def exumi(cls, windows: _Windows, **options: Any) -> "ActiveWindowSampler":
@@ -164,67 +168,18 @@ class ActiveWindowSampler(EpochSampler[WindowIndex]):
             for index in block.tolist():
                 yield WindowIndex(epoch, index)
 
-    def _draws_of(self) -> dict[str, Any]:
-        """Return what the draws of an epoch depend on, but for the number of ranks."""
+    def _order_of(self) -> dict[str, Any]:
+        """Return what the draws of an epoch depend on, whatever the number of ranks."""
         return {"seed": self._seed, "active_share": self.active_share}
 
-    def state_dict(self, consumed: int) -> dict[str, Any]:
-        """Return what it takes to go on.
 
-        Parameters
-        ----------
-        consumed : int
-            Windows that training has used of the epoch that was begun last, on each rank. (The
-            sampler runs ahead of training by what the workers prefetch, so it cannot know.)
-
-        Returns
-        -------
-        dict
-            Numbers only; ``slots`` counts those of all ranks. Where all of the epoch was used, it
-            leads to the next one.
-
-        Raises
-        ------
-        UsageError
-            The epoch has not that many.
-        """
-        epoch, used = self._position(consumed)
-        return {**self._draws_of(), "epoch": epoch, "slots": used * self._world}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a state: the next window is the one after those consumed.
-
-        Parameters
-        ----------
-        state : dict
-            Of `state_dict`, also of a sampler of another number of ranks.
-
-        Raises
-        ------
-        UsageError
-            The state belongs to another seed or other windows, or the ranks of now cannot take
-            over in the middle of a round.
-        """
-        refuse_other(state, self._draws_of())
-        if state["slots"] % self._world:
-            raise UsageError(
-                f"{state['slots']} slots were used, which is no multiple of {self._world} ranks",
-                fix="Stop after a whole round of all ranks, or use a number of ranks that divides.",
-            )
-        self._go_on(int(state["epoch"]), int(state["slots"]) // self._world)
-
-
-def _check(
-    *, reject: float, retries: int | None, count: int | None, rank: int, world_size: int
-) -> None:
+def _check(*, reject: float, retries: int | None, count: int | None) -> None:
     if not 0 <= reject <= 1:
         raise UsageError(f"reject is {reject}, not in [0, 1]")
     if retries is not None and retries < 0:
         raise UsageError(f"retries is {retries}, not a number of draws")
     if count is not None and count < 1:
         raise UsageError(f"count is {count}, not a number of windows")
-    if not 0 <= rank < world_size:
-        raise UsageError(f"rank is {rank}, not one of {world_size}")
 
 
 def _active(windows: _Windows, reject: float) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Batches of touch clips: salient frames, decoded straight into one buffer."""
 
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any, SupportsIndex
 
@@ -207,7 +208,7 @@ def positions(indices: Sequence[SupportsIndex | WindowIndex], count: int) -> np.
     """Return plain positions of items, (B,) int64; negative ones count from the end."""
     found = np.empty(len(indices), dtype=np.int64)
     for position, item in enumerate(indices):
-        number = item.window if isinstance(item, WindowIndex) else item.__index__()
+        number = item.window if isinstance(item, WindowIndex) else operator.index(item)
         if not -count <= number < count:
             msg = f"item {number} of {count}"
             raise IndexError(msg)

@@ -1,5 +1,6 @@
 """Contrastive batches of touch clips (Octopi-1.5)."""
 
+import operator
 from collections.abc import Iterator, Sequence
 from itertools import chain, product
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
@@ -12,7 +13,7 @@ from exumi_data.errors import DamagedDataError, UsageError
 from exumi_loaders.clip_batches import ClipBatches, Item, as_is
 from exumi_loaders.clip_splits import SplitLevel, split_dataset
 from exumi_loaders.clips import Clip, Clips
-from exumi_loaders.epochs import EpochSampler, refuse_other
+from exumi_loaders.epochs import EpochSampler
 from exumi_loaders.pairing import PairRules, batch_count, pair_batches, shuffled_batches
 from exumi_loaders.window_frames import OnCorrupt
 
@@ -279,7 +280,7 @@ class ContrastiveBatches(Dataset[Item]):
         if isinstance(index, BatchIndex):
             epoch, number = index
         else:
-            epoch, number = self.epoch, index.__index__()
+            epoch, number = self.epoch, operator.index(index)
         if not -len(self) <= number < len(self):
             msg = f"batch {number} of {len(self)}"
             raise IndexError(msg)
@@ -379,13 +380,17 @@ class BatchOrder(EpochSampler[BatchIndex]):
     Parameters
     ----------
     batches : ContrastiveBatches
-    rank, world_size : int
+    rank : int
         Of this process in distributed training.
+    world_size : int, optional
+        Ranks that share an epoch out. Default 1, which is refused in a process group of more: all
+        of them would train on the same. 1 itself says that something else shares it out.
 
     Attributes
     ----------
     epoch : int
-        The epoch that the next iteration runs; grows by one at the end of each.
+        The epoch that the next iteration runs. It grows by one when an iteration begins, whether
+        that comes to its end or not.
 
     Raises
     ------
@@ -393,15 +398,14 @@ class BatchOrder(EpochSampler[BatchIndex]):
         There are fewer batches than ranks.
     """
 
-    def __init__(self, batches: ContrastiveBatches, *, rank: int = 0, world_size: int = 1) -> None:
-        super().__init__()
-        if not 0 <= rank < world_size:
-            raise UsageError(f"rank is {rank}, not one of {world_size}")
-        if len(batches) < world_size:
-            raise UsageError(f"{len(batches)} batch(es) an epoch for {world_size} ranks")
+    def __init__(
+        self, batches: ContrastiveBatches, *, rank: int = 0, world_size: int | None = None
+    ) -> None:
+        super().__init__(rank, world_size)
+        if len(batches) < self._world:
+            raise UsageError(f"{len(batches)} batch(es) an epoch for {self._world} ranks")
         self._batches = batches
-        self._turns = len(batches) // world_size
-        self._rank, self._world = rank, world_size
+        self._turns = len(batches) // self._world
 
     def _count(self, epoch: int) -> int:  # all epochs are alike
         return self._turns
@@ -417,41 +421,3 @@ class BatchOrder(EpochSampler[BatchIndex]):
             "batches": len(self._batches),
             "world_size": self._world,
         }
-
-    def state_dict(self, consumed: int) -> dict[str, Any]:
-        """Return what it takes to go on.
-
-        Parameters
-        ----------
-        consumed : int
-            Batches that training has used of the epoch that was begun last, on each rank.
-            (The sampler runs ahead of training by what the workers prefetch, so it cannot know.)
-
-        Returns
-        -------
-        dict
-            Of plain values. Where all of the epoch was used, it leads to the next one.
-
-        Raises
-        ------
-        UsageError
-            The epoch has not that many.
-        """
-        epoch, used = self._position(consumed)
-        return {**self._order_of(), "epoch": epoch, "consumed": used}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a state: the next batch is the one after those consumed.
-
-        Parameters
-        ----------
-        state : dict
-            Of `state_dict`.
-
-        Raises
-        ------
-        UsageError
-            The state belongs to other batches, another seed or another number of ranks.
-        """
-        refuse_other(state, self._order_of())
-        self._go_on(int(state["epoch"]), int(state["consumed"]))

@@ -1,6 +1,7 @@
 """Questions and answers about touch, for tactile-language models (Octopi-1.5)."""
 
 import json
+import operator
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -334,7 +335,7 @@ class InstructionSamples(Dataset[dict[str, Any]]):
             int64; ``labels`` (G names such as ``1.1``), ``question``, ``answer``, ``task`` (str).
             ``replaced`` (int) with ``skip``, ``substituted`` (G,) int64 with ``substitute``.
         """
-        number = index.__index__()
+        number = operator.index(index)
         if not self._skips:
             return self._read(number)
         for tries in range(_MOST_REPLACEMENTS + 1):

@@ -1,4 +1,4 @@
-"""The order of windows in an epoch: shuffled, thinned by stored activity, resumable."""
+"""The order of windows in an epoch: shuffled, thinned by stored activity, shared out, resumable."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple, Protocol
@@ -7,7 +7,7 @@ import numpy as np
 
 from exumi_data.errors import UsageError
 from exumi_loaders.draws import uniform
-from exumi_loaders.epochs import EpochSampler, refuse_other
+from exumi_loaders.epochs import EpochSampler
 
 __all__ = ["WindowIndex", "WindowSampler"]
 
@@ -34,6 +34,9 @@ class WindowSampler(EpochSampler[WindowIndex]):
     decoded to be thrown away. Whether a window is left out is a pure function of
     (seed, epoch, index).
 
+    Ranks take windows of one order in turn. Where they do not divide an epoch, its first windows
+    come once more at its end, so that all ranks have as many.
+
     Parameters
     ----------
     windows : TPPWindows
@@ -41,11 +44,17 @@ class WindowSampler(EpochSampler[WindowIndex]):
     seed : int
     reject_inactive : float
         Probability in [0, 1] that an inactive window is left out of an epoch.
+    rank : int
+        Of this process in distributed training.
+    world_size : int, optional
+        Ranks that share an epoch out. Default 1, which is refused in a process group of more: all
+        of them would train on the same. 1 itself says that something else shares it out.
 
     Attributes
     ----------
     epoch : int
-        The epoch that the next iteration runs; grows by one at the end of each.
+        The epoch that the next iteration runs. It grows by one when an iteration begins, whether
+        that comes to its end or not.
     """
 
     def __init__(
@@ -55,8 +64,10 @@ class WindowSampler(EpochSampler[WindowIndex]):
         shuffle: bool = True,
         seed: int = 0,
         reject_inactive: float = 0.0,
+        rank: int = 0,
+        world_size: int | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(rank, world_size)
         if not 0 <= reject_inactive <= 1:
             raise UsageError(f"reject_inactive is {reject_inactive}, not in [0, 1]")
         self._windows = windows
@@ -67,7 +78,7 @@ class WindowSampler(EpochSampler[WindowIndex]):
             _ = windows.active  # says now, not in the middle of an epoch, if there is no activity
 
     def order(self, epoch: int) -> np.ndarray:
-        """Return the window indices of an epoch, (M,) int64.
+        """Return the window indices of this rank in an epoch, (M,) int64.
 
         Parameters
         ----------
@@ -81,7 +92,9 @@ class WindowSampler(EpochSampler[WindowIndex]):
             # A bit generator of its own for (seed, epoch): NumPy's stream for it never changes.
             generator = np.random.Generator(np.random.Philox(key=[self._seed % 2**64, epoch]))
             indices = generator.permutation(indices)
-        return indices
+        # Wrapped round, also more than once where there are more ranks than windows.
+        rounds = -(-len(indices) // self._world)
+        return np.resize(indices, rounds * self._world)[self._rank :: self._world]
 
     def _count(self, epoch: int) -> int:
         return len(self.order(epoch))
@@ -98,41 +111,3 @@ class WindowSampler(EpochSampler[WindowIndex]):
             "shuffle": self._shuffle,
             "reject_inactive": self._reject,
         }
-
-    def state_dict(self, consumed: int) -> dict[str, Any]:
-        """Return what it takes to go on.
-
-        Parameters
-        ----------
-        consumed : int
-            Windows that training has used of the epoch that was begun last. (The sampler
-            runs ahead of training by what the workers prefetch, so it cannot know.)
-
-        Returns
-        -------
-        dict
-            Of plain values. Where all of the epoch was used, it leads to the next one.
-
-        Raises
-        ------
-        UsageError
-            The epoch has not that many.
-        """
-        epoch, used = self._position(consumed)
-        return {**self._order_of(), "epoch": epoch, "consumed": used}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a state: the next window is the one after those consumed.
-
-        Parameters
-        ----------
-        state : dict
-            Of `state_dict`.
-
-        Raises
-        ------
-        UsageError
-            The state belongs to other windows, another seed or other options.
-        """
-        refuse_other(state, self._order_of())
-        self._go_on(int(state["epoch"]), int(state["consumed"]))

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from exumi_data.dataset import Dataset
-from exumi_data.engine import map_items
+from exumi_data.engine import map_items, warm_up
 from exumi_data.episode import Episode, StreamView, open_episode
 from exumi_data.errors import MetadataError, UsageError
 from exumi_data.geometry import interpolate_linear, interpolate_poses
@@ -28,6 +28,8 @@ from exumi_loaders.timeline_cache import cache_key, load_timeline, save_timeline
 __all__ = ["Timeline", "TimelineSettings", "build_timeline"]
 
 _MANY_EPISODES = 2000
+_PIECE = 32
+"""Episodes that are sent to a worker at once: to send one costs as much as to read it."""
 
 
 @dataclass(frozen=True)
@@ -393,18 +395,34 @@ def build_timeline(
         if cached is not None:
             return cached
     locations = [dataset.episode_location(index) for index in range(len(dataset))]
-    made: dict[str, _EpisodeTimeline] = {}
-    function = partial(_episode_timeline, layout=layout, settings=settings)
+    timeline = _join(dataset, _timelines(locations, layout, settings, workers), layout, settings)
+    if folder is not None:
+        save_timeline(timeline, folder)
+    return timeline
+
+
+def _timelines(
+    locations: list[str], layout: Layout, settings: TimelineSettings, workers: int | None
+) -> list[_EpisodeTimeline]:
+    """Compute the timelines of episodes, in their order; many of them in several processes."""
     few = len(locations) < _MANY_EPISODES
-    for outcome in map_items(function, locations, workers=1 if few else workers):
+    if not few:
+        warm_up(__name__)
+    pieces = [tuple(locations[at : at + _PIECE]) for at in range(0, len(locations), _PIECE)]
+    made: dict[tuple[str, ...], list[_EpisodeTimeline]] = {}
+    function = partial(_piece, layout=layout, settings=settings)
+    for outcome in map_items(function, pieces, workers=1 if few else workers):
         if outcome.value is None:
             assert outcome.error is not None  # noqa: S101  # an outcome has one of the two
             raise outcome.error
         made[outcome.item] = outcome.value
-    timeline = _join(dataset, [made[path] for path in locations], layout, settings)
-    if folder is not None:
-        save_timeline(timeline, folder)
-    return timeline
+    return [timeline for piece in pieces for timeline in made[piece]]
+
+
+def _piece(
+    paths: tuple[str, ...], *, layout: Layout, settings: TimelineSettings
+) -> list[_EpisodeTimeline]:
+    return [_episode_timeline(path, layout=layout, settings=settings) for path in paths]
 
 
 def _join(

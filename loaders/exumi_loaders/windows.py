@@ -1,5 +1,6 @@
 """What all kinds of windows have in common: a batch is filled in place, in any worker."""
 
+import operator
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, SupportsIndex
@@ -133,7 +134,7 @@ class Windows(Dataset[Item]):
             if isinstance(item, WindowIndex):
                 epochs[position], index = item
             else:
-                epochs[position], index = self.epoch, item.__index__()
+                epochs[position], index = self.epoch, operator.index(item)
             if not -count <= index < count:
                 msg = f"window {index} of {count}"
                 raise IndexError(msg)

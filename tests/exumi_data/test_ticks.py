@@ -35,3 +35,9 @@ def test_tolerances_follow_slow_streams() -> None:
     assert max_gap_ns(slow) == 250_000_000
     assert image_tolerance_ns(fast[:1], Fraction(1, 10)) == 100_000_000
     assert max_gap_ns(fast[:0]) == 100_000_000
+
+
+@given(st.lists(st.integers(1, 10**12), min_size=1, max_size=9))
+def test_slow_is_told_by_the_median_period(periods: list[int]) -> None:
+    time = np.cumsum([0, *periods])
+    assert max_gap_ns(time) == round(max(1e8, 2.5 * float(np.median(periods))))

@@ -90,3 +90,16 @@ def test_catalog_of_a_selection(make_dataset: Any, recipe: Any) -> None:
     opened = exumi_data.open(dataset.path)
     assert isinstance(opened, exumi_data.Dataset)
     assert len({opened[:2].fingerprint, opened[1:].fingerprint, opened.fingerprint}) == 3
+
+
+def test_workers_and_pieces_do_not_show(
+    make_dataset: Any, recipe: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = make_dataset(*(recipe(tactile_s=np.arange(60 + n) / 30) for n in range(5)))
+    alone = TPPWindows(dataset, cache=False).timeline
+    monkeypatch.setattr("exumi_loaders.timeline._MANY_EPISODES", 5)
+    monkeypatch.setattr("exumi_loaders.timeline._PIECE", 2)
+    shared = TPPWindows(dataset, cache=False).timeline
+    assert alone.edges.tolist() == shared.edges.tolist()
+    np.testing.assert_array_equal(alone.roots, shared.roots)
+    np.testing.assert_array_equal(alone.frame["tactile"], shared.frame["tactile"])

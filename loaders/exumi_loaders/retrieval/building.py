@@ -1,23 +1,34 @@
 """Encode the clips of a dataset, in several processes if wanted."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from exumi_data.engine import map_items
-from exumi_data.errors import UsageError
+from exumi_data.errors import ChangedDataError, DamagedDataError, UsageError
 from exumi_loaders.clips import Clip, Clips
 from exumi_loaders.encoder import Encoder
+from exumi_loaders.options import one_of
 from exumi_loaders.retrieval.entries import Entry
 from exumi_loaders.retrieval.identities import frames_identity, identities
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
 
-__all__ = ["Embedding", "EncodedClips", "embed", "encode_clips", "entry_of_clip"]
+__all__ = [
+    "DamagedClip",
+    "Embedding",
+    "EncodedClips",
+    "OnCorruptClip",
+    "embed",
+    "encode_clips",
+    "entry_of_clip",
+]
+
+OnCorruptClip = Literal["raise", "skip"]
 
 _EPISODES = 16  # of one piece of work
 
@@ -42,6 +53,33 @@ class Embedding:
 
 
 @dataclass(frozen=True)
+class DamagedClip:
+    """A clip that was left out.
+
+    Attributes
+    ----------
+    episode : str
+        Its id.
+    stream : str
+    frame : int or None
+        The first damaged one of those that are encoded; None where it is not a frame that is
+        damaged.
+    where : str
+        Path, stream and frame, as far as known.
+    reason : str
+    """
+
+    episode: str
+    stream: str
+    frame: int | None
+    where: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.reason}"
+
+
+@dataclass(frozen=True, repr=False)
 class EncodedClips:
     """Clips with their vectors.
 
@@ -51,14 +89,20 @@ class EncodedClips:
     entries : list of Entry
     encoder : str
         Digest of the encoder.
+    damaged : list of DamagedClip
+        What was left out.
     """
 
     vectors: np.ndarray
     entries: list[Entry]
     encoder: str
+    damaged: list[DamagedClip] = field(default_factory=list)
 
     def __len__(self) -> int:
         return len(self.entries)
+
+    def __repr__(self) -> str:
+        return f"<EncodedClips: {len(self)} of {self.encoder}, {len(self.damaged)} damaged>"
 
     def embedding(self, index: int) -> Embedding:
         """Return one clip as a query.
@@ -75,6 +119,9 @@ class _Reading:
     stream: str | tuple[str, ...] | None
     frames: int
     provenance: str
+
+
+_Encoded = tuple[np.ndarray, Entry] | DamagedClip
 
 
 def embed(
@@ -120,6 +167,7 @@ def encode_clips(
     frames: int = 10,
     provenance: str = "human",
     workers: int = 1,
+    on_corrupt: OnCorruptClip = "raise",
     on_done: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> EncodedClips:
     """Encode all clips of a dataset.
@@ -134,8 +182,10 @@ def encode_clips(
         As of `Clips`.
     workers : int
         Processes. With more than one, the encoder is sent to them.
+    on_corrupt : {"raise", "skip"}
+        Stop at a clip that cannot be decoded, or leave it out and name it in ``damaged``.
     on_done : callable
-        Told of the clips encoded, and of all.
+        Told of the clips that were read, and of all.
 
     Returns
     -------
@@ -147,8 +197,11 @@ def encode_clips(
     UsageError
         No clip; or the encoder does not fit the frames.
     DamagedDataError
-        A frame cannot be decoded.
+        A frame cannot be decoded (names episode, stream and frame); or no clip can.
+    ChangedDataError
+        An episode is not what it was, whatever `on_corrupt` is.
     """
+    one_of("on_corrupt", on_corrupt, ("raise", "skip"))
     reading = _Reading(stream if stream is None else _names(stream), frames, provenance)
     table = _clips(dataset, reading).table
     episodes = list(dict.fromkeys(clip.episode for clip in table))
@@ -156,8 +209,8 @@ def encode_clips(
     starts = range(0, len(ids), _EPISODES)
     # A few rows of the catalog are sent to a worker, not the dataset.
     pieces = {start: dataset.select(ids[start : start + _EPISODES]) for start in starts}
-    work = partial(_encode, encoder=encoder, reading=reading)
-    found: dict[int, list[tuple[np.ndarray, Entry]]] = {}
+    work = partial(_encode, encoder=encoder, reading=reading, on_corrupt=on_corrupt)
+    found: dict[int, list[_Encoded]] = {}
     done = 0
     for outcome in map_items(work, list(pieces.items()), workers=workers):
         if outcome.value is None:
@@ -166,9 +219,17 @@ def encode_clips(
         found[outcome.item[0]] = outcome.value
         done += len(outcome.value)
         on_done(done, len(table))
-    pairs = [pair for start in starts for pair in found[start]]
+    results = [result for start in starts for result in found[start]]
+    pairs = [result for result in results if not isinstance(result, DamagedClip)]
+    damaged = [result for result in results if isinstance(result, DamagedClip)]
+    if not pairs:
+        raise DamagedDataError(
+            f"all {len(damaged)} clips are damaged; the first: {damaged[0].reason}",
+            where=damaged[0].where,
+            fix=f"See all that is wrong with: exumi validate {dataset.path}",
+        )
     vectors = np.stack([vector for vector, _ in pairs])
-    return EncodedClips(vectors, [entry for _, entry in pairs], encoder.digest)
+    return EncodedClips(vectors, [entry for _, entry in pairs], encoder.digest, damaged)
 
 
 def _names(stream: str | Sequence[str]) -> str | tuple[str, ...]:
@@ -185,15 +246,25 @@ def _clips(dataset: "Dataset", reading: _Reading) -> Clips:
 
 
 def _encode(
-    item: tuple[int, "Dataset"], *, encoder: Encoder, reading: _Reading
-) -> list[tuple[np.ndarray, Entry]]:
+    item: tuple[int, "Dataset"],
+    *,
+    encoder: Encoder,
+    reading: _Reading,
+    on_corrupt: OnCorruptClip,
+) -> list[_Encoded]:
     clips = _clips(item[1], reading)
-    return list(_encoded(clips, encoder))
+    return list(_encoded(clips, encoder, on_corrupt))
 
 
-def _encoded(clips: Clips, encoder: Encoder) -> Iterator[tuple[np.ndarray, Entry]]:
+def _encoded(clips: Clips, encoder: Encoder, on_corrupt: OnCorruptClip) -> Iterator[_Encoded]:
     for index, clip in enumerate(clips.table):
-        frames, reference = _read(clips, index)
+        try:
+            frames, reference = _read(clips, index)
+        except DamagedDataError as error:
+            if on_corrupt == "raise" or isinstance(error, ChangedDataError):
+                raise
+            yield _damaged(clips, index, error)
+            continue
         with clips.dataset[clip.episode] as episode:
             origins = identities(episode.metadata, clip.stream)
         try:
@@ -207,8 +278,18 @@ def _encoded(clips: Clips, encoder: Encoder) -> Iterator[tuple[np.ndarray, Entry
 def _read(clips: Clips, index: int) -> tuple[np.ndarray, np.ndarray | None]:
     """Decode the salient frames that a clip has, none of them twice."""
     which = np.flatnonzero(clips.salient(index).valid)
-    frames = np.empty((len(which), *clips.table[index].shape), dtype=np.uint8)
-    return frames, clips.read_into(index, frames, which=which)
+    frames = np.empty((1, len(which), *clips.table[index].shape), dtype=np.uint8)
+    clips.read_batch(np.array([index]), which[None], frames)  # names the frame that is damaged
+    return frames[0], clips.read_into(index, frames[0, :0], which=which[:0])
+
+
+def _damaged(clips: Clips, index: int, error: DamagedDataError) -> DamagedClip:
+    clip = clips.table[index]
+    path = f"{clips.dataset.episode_location(clip.episode)}, stream {clip.stream}"
+    # The error names a frame only where it is a frame that is damaged.
+    _, _, number = (error.where or "").partition(f"{path}, frame ")
+    frame = int(number) if number.isdecimal() else None
+    return DamagedClip(clip.id, clip.stream, frame, error.where or path, error.what)
 
 
 def entry_of_clip(clip: Clip, origins: tuple[str, ...]) -> Entry:

@@ -94,8 +94,10 @@ def _living(
     root: Path, statement: SegmentStatement, dimension: int
 ) -> tuple[np.ndarray, list[Entry]]:
     segment = open_segment(root, statement, dimension)
+    for block in segment.blocks:
+        block.check()  # or the copy would get a checksum that is right
     alive = segment.alive
-    return np.concatenate(segment.blocks)[alive], segment.entries(alive)
+    return np.concatenate([block.rows for block in segment.blocks])[alive], segment.entries(alive)
 
 
 def _write(root: Path, document: IndexDocument, segments: list[SegmentStatement]) -> IndexDocument:

@@ -1,6 +1,6 @@
 """What an index holds, opened at one moment: it stays as it is while others change the index."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -8,13 +8,14 @@ from typing import Any, Literal
 import numpy as np
 
 from exumi_data.errors import DamagedDataError, LimitError
+from exumi_loaders.retrieval.blocks import merge_small
 from exumi_loaders.retrieval.document import IndexDocument
 from exumi_loaders.retrieval.entries import Entry, entry_of, group_codes
 from exumi_loaders.retrieval.faiss_search import FaissSearch
 from exumi_loaders.retrieval.folder import read_document
 from exumi_loaders.retrieval.matches import Unique
 from exumi_loaders.retrieval.search import ExactSearch, Search
-from exumi_loaders.retrieval.segments import Segment, merge_small, open_segment
+from exumi_loaders.retrieval.segments import Segment, open_segment
 from exumi_loaders.retrieval.space import Space, unit
 from exumi_loaders.retrieval.writing import read_space
 
@@ -44,6 +45,8 @@ class IndexInfo:
         Salient frames a clip.
     dataset, dataset_digest, split : str or None
         Where the clips of the build come from.
+    damaged : int
+        Clips of it that could not be decoded, and were left out.
     entries, taught, forgotten : int
         Those that count; those of them that were taught; those that no longer count.
     objects, parts : int
@@ -60,6 +63,7 @@ class IndexInfo:
     dataset: str | None
     dataset_digest: str | None
     split: str | None
+    damaged: int
     entries: int
     taught: int
     forgotten: int
@@ -79,23 +83,34 @@ class Contents:
     root : pathlib.Path
     document : IndexDocument
     backend : {"exact", "faiss"}
+    known : mapping of str to Segment
+        Segments that are open already: they never change.
 
     Raises
     ------
     DamagedDataError
-        Files are missing or damaged.
+        Files are missing or damaged. (Vectors are checked when they are first searched.)
     LimitError
         They ask for more memory than they may.
     """
 
-    def __init__(self, root: Path, document: IndexDocument, backend: Backend) -> None:
+    def __init__(
+        self,
+        root: Path,
+        document: IndexDocument,
+        backend: Backend,
+        known: Mapping[str, Segment],
+    ) -> None:
         self.root = root
         self.document = document
         self._space: Space | None = read_space(root, document)
         self._segments: list[Segment] = []
         taken = 0
         for statement in document.segments:
-            self._segments.append(open_segment(root, statement, document.dimension))
+            found = known.get(statement.name)
+            if found is None:
+                found = open_segment(root, statement, document.dimension)
+            self._segments.append(Segment(statement, found.blocks, found.table))
             taken += self._segments[-1].table.nbytes
             if taken > _MOST_ENTRIES_BYTES:
                 raise LimitError("the tables of entries take too much memory", where=root)
@@ -107,7 +122,17 @@ class Contents:
         blocks = merge_small([block for segment in self._segments for block in segment.blocks])
         forgotten = any(segment.statement.forgotten for segment in self._segments)
         alive = np.concatenate([s.alive for s in self._segments]) if forgotten else None
-        return FaissSearch(blocks, alive) if backend == "faiss" else ExactSearch(blocks, alive)
+        rows = [block.rows for block in blocks]
+        if backend == "exact":
+            return ExactSearch(rows, alive, before=lambda number: blocks[number].check())
+        for block in blocks:
+            block.check()
+        return FaissSearch(rows, alive)
+
+    @property
+    def segments(self) -> dict[str, Segment]:
+        """The open segments by name."""
+        return {segment.statement.name: segment for segment in self._segments}
 
     def __len__(self) -> int:
         return sum(s.statement.rows - len(s.statement.forgotten) for s in self._segments)
@@ -163,6 +188,7 @@ class Contents:
             dataset=source.name if source else None,
             dataset_digest=source.digest if source else None,
             split=source.split if source else None,
+            damaged=source.damaged if source else 0,
             entries=len(self),
             taught=sum(int(table.column("taught").to_numpy().sum()) for table in living),
             forgotten=int(self._starts[-1]) - len(self),
@@ -171,8 +197,17 @@ class Contents:
         )
 
 
-def open_contents(root: Path, backend: Backend) -> Contents:
+def open_contents(
+    root: Path, backend: Backend, known: Mapping[str, Segment] | None = None
+) -> Contents:
     """Open an index as it is now.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+    backend : {"exact", "faiss"}
+    known : mapping of str to Segment, optional
+        Segments that are open already.
 
     Raises
     ------
@@ -182,7 +217,7 @@ def open_contents(root: Path, backend: Backend) -> Contents:
     for _ in range(_TRIES):
         document = read_document(root)
         try:
-            return Contents(root, document, backend)
+            return Contents(root, document, backend, known or {})
         except DamagedDataError:
             # Another process may have changed the index between two files.
             if read_document(root).generation == document.generation:

@@ -50,6 +50,8 @@ class SourceStatement(_Part):
     """`Dataset.fingerprint` of the episodes that were taken."""
     split: str | None = None
     clips: _Count
+    damaged: _Count = 0
+    """Clips that were left out, since they cannot be decoded."""
 
 
 class SegmentStatement(_Part):
@@ -57,6 +59,8 @@ class SegmentStatement(_Part):
 
     name: _Name
     rows: Annotated[int, Field(ge=1, le=2**31)]
+    crc32c: list[Annotated[int, Field(ge=0, lt=2**32)]]
+    """Of the vectors in each file of the Zarr array, without what fills its last chunk up."""
     forgotten: list[_Count] = []
     """Rows that no longer count."""
 

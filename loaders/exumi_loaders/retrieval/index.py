@@ -11,7 +11,13 @@ import numpy as np
 from exumi_data.errors import UsageError
 from exumi_loaders.encoder import Encoder, Kind
 from exumi_loaders.retrieval import changes
-from exumi_loaders.retrieval.building import Embedding, embed, encode_clips
+from exumi_loaders.retrieval.building import (
+    DamagedClip,
+    Embedding,
+    OnCorruptClip,
+    embed,
+    encode_clips,
+)
 from exumi_loaders.retrieval.contents import Backend, IndexInfo, open_contents
 from exumi_loaders.retrieval.document import IndexDocument, SourceStatement
 from exumi_loaders.retrieval.entries import Entry, Provenance
@@ -67,7 +73,7 @@ class TactileIndex:
         check_choice("backend", backend, ("exact", "faiss"))
         self.path = Path(path)
         self._backend = backend
-        self._load()
+        self._contents = open_contents(self.path, backend)
         self.encoder = encoder or _built_in(self.document.encoder.digest)
         if encoder is not None:
             self._check_encoder(encoder.digest)
@@ -81,6 +87,8 @@ class TactileIndex:
         backend: Backend = "exact",
     ) -> "TactileIndex":
         """Open an index. Its vectors are mapped into memory, not read.
+
+        Their checksums are compared when they are first searched; `verify_index` compares all.
 
         Parameters
         ----------
@@ -120,6 +128,8 @@ class TactileIndex:
         frames: int = 10,
         provenance: Literal["human", "any"] = "human",
         workers: int = 1,
+        on_corrupt: OnCorruptClip = "raise",
+        on_damaged: Callable[[DamagedClip], None] = lambda _clip: None,
         on_done: Callable[[int, int], None] = lambda _done, _total: None,
     ) -> "TactileIndex":
         """Build an index from the touch clips of a dataset.
@@ -142,8 +152,12 @@ class TactileIndex:
             Whose labels count.
         workers : int
             Processes that encode.
+        on_corrupt : {"raise", "skip"}
+            Stop at a clip that cannot be decoded, or leave it out and count it in ``index.json``.
+        on_damaged : callable
+            Told of each clip that is left out.
         on_done : callable
-            Told of the clips encoded, and of all.
+            Told of the clips that were read, and of all.
 
         Returns
         -------
@@ -154,7 +168,7 @@ class TactileIndex:
         UsageError
             The folder is there already; no clip; the encoder does not fit.
         DamagedDataError
-            A frame cannot be decoded.
+            A frame cannot be decoded (names episode, stream and frame); or no clip can.
         """
         target = Path(path)
         if split is not None:
@@ -170,19 +184,23 @@ class TactileIndex:
                 frames=frames,
                 provenance=provenance,
                 workers=workers,
+                on_corrupt=on_corrupt,
                 on_done=on_done,
             )
+            for clip in clips.damaged:
+                on_damaged(clip)
             source = SourceStatement(
                 name=dataset.metadata.name,
                 digest=dataset.fingerprint,
                 split=split,
                 clips=len(clips),
+                damaged=len(clips.damaged),
             )
             fill_index(partial, clips, encoder, frames=frames, source=source)
         return cls(target, encoder=encoder)
 
-    def _load(self) -> None:
-        self._contents = open_contents(self.path, self._backend)
+    def _reload(self) -> None:
+        self._contents = open_contents(self.path, self._backend, self._contents.segments)
 
     def __len__(self) -> int:
         return len(self._contents)
@@ -508,7 +526,7 @@ class TactileIndex:
         with changing(self.path) as document:
             self._check_same_space(document)
             changes.add(self.path, document, vector, [entry])
-        self._load()
+        self._reload()
         return entry
 
     def forget(
@@ -541,7 +559,7 @@ class TactileIndex:
         column, value = ("id", entry) if name is None else ("name", name)
         with changing(self.path) as document:
             gone = changes.forget(self.path, document, column, str(value), built=built)
-        self._load()
+        self._reload()
         if not gone:
             raise UsageError(
                 f"nothing was taught as {value!r}",

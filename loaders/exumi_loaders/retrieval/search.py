@@ -1,6 +1,6 @@
 """Exact search: the largest cosines, block by block."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -27,10 +27,19 @@ class ExactSearch:
         Rows of length 1, one block after the other; they can be memory maps.
     alive : (N,) bool, optional
         Which rows count; default all.
+    before : callable, optional
+        Told of the number of each block before it is read.
     """
 
-    def __init__(self, blocks: Sequence[np.ndarray], alive: np.ndarray | None = None) -> None:
+    def __init__(
+        self,
+        blocks: Sequence[np.ndarray],
+        alive: np.ndarray | None = None,
+        *,
+        before: Callable[[int], None] = lambda _number: None,
+    ) -> None:
         self._blocks = blocks
+        self._before = before
         self._alive = alive
         rows = sum(len(block) for block in blocks)
         self._count = rows if alive is None else int(alive.sum())
@@ -55,7 +64,8 @@ class ExactSearch:
             return best.similarity, best.row
         step = max(1, _SCORES // len(queries))
         start = 0
-        for block in self._blocks:
+        for number, block in enumerate(self._blocks):
+            self._before(number)
             for low in range(0, len(block), step):
                 part = block[low : low + step]
                 # One query is a product of matrix and vector, which reads the rows in order.

@@ -13,19 +13,19 @@ from exumi_data.model.documents import group_document
 from exumi_data.store.access import FolderStore
 from exumi_data.store.files import sync_folder, sync_tree
 from exumi_data.store.plain_files import open_plain
-from exumi_data.store.shards import ArrayWriter, open_array
+from exumi_data.store.shards import ArrayWriter, crc32c, open_array
+from exumi_loaders.retrieval.blocks import Block
 from exumi_loaders.retrieval.document import SegmentStatement
 from exumi_loaders.retrieval.entries import Entry, entry_of, read_entries, write_entries
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["SEGMENTS", "Segment", "merge_small", "open_segment", "write_segment", "write_vectors"]
+__all__ = ["SEGMENTS", "Segment", "open_segment", "write_segment", "write_vectors"]
 
 SEGMENTS = "segments"
 VECTORS = "embeddings"
 ENTRIES = "entries.parquet"
-_SMALL_BLOCK = 4096
 _CHUNK_BYTES = 1 << 20
 
 
@@ -35,14 +35,14 @@ class Segment:
     Parameters
     ----------
     statement : SegmentStatement
-    blocks : sequence of (n, d) float32
+    blocks : sequence of Block
         Its vectors, mapped from the files: nothing is read before it is used.
     table : pyarrow.Table
         Its entries.
     """
 
     def __init__(
-        self, statement: SegmentStatement, blocks: Sequence[np.ndarray], table: "pa.Table"
+        self, statement: SegmentStatement, blocks: Sequence[Block], table: "pa.Table"
     ) -> None:
         self.statement = statement
         self.blocks = blocks
@@ -88,10 +88,11 @@ def write_segment(
     rows = write_vectors(folder / VECTORS, vectors)
     if rows != len(entries):
         raise UsageError(f"{rows} vectors for {len(entries)} entries", where=root)
+    checksums = [crc32c(rows) for rows, _ in _map_vectors(root, f"{SEGMENTS}/{name}/{VECTORS}")]
     write_entries(folder / ENTRIES, entries)
     sync_tree(folder)
     sync_folder(folder.parent)
-    return SegmentStatement(name=name, rows=rows)
+    return SegmentStatement(name=name, rows=rows, crc32c=checksums)
 
 
 def write_vectors(
@@ -139,7 +140,7 @@ def write_vectors(
 
 
 def open_segment(root: Path, statement: SegmentStatement, dimension: int) -> Segment:
-    """Open a segment. Memory does not depend on what its files claim.
+    """Open a segment. Memory does not depend on what its files claim; no vector is read.
 
     Raises
     ------
@@ -147,16 +148,28 @@ def open_segment(root: Path, statement: SegmentStatement, dimension: int) -> Seg
         Files are missing, cut short, or do not fit together.
     """
     path = f"{SEGMENTS}/{statement.name}"
-    blocks = map_vectors(root, f"{path}/{VECTORS}", (statement.rows, dimension))
+    mapped = _map_vectors(root, f"{path}/{VECTORS}", (statement.rows, dimension))
+    if len(mapped) != len(statement.crc32c):
+        raise DamagedDataError(
+            f"{len(mapped)} files of vectors, and {len(statement.crc32c)} checksums",
+            where=root / path,
+        )
+    blocks = [
+        Block(rows, file, checksum)
+        for (rows, file), checksum in zip(mapped, statement.crc32c, strict=True)
+    ]
     return Segment(statement, blocks, read_entries(root / path / ENTRIES, statement.rows))
 
 
-def map_vectors(root: Path, path: str, shape: tuple[int, int]) -> list[np.ndarray]:
-    """Map an array (N, d) float32 into memory: one read-only block a file."""
+def _map_vectors(
+    root: Path, path: str, shape: tuple[int, int] | None = None
+) -> list[tuple[np.ndarray, Path]]:
+    """Map an array (N, d) float32 into memory: read-only rows of each of its files."""
     where = root / path
     store = FolderStore(root)
     try:
         array = open_array(store, path)
+        shape = shape or (array.shape[0], array.shape[1])
         if array.shape != shape or array.dtype != np.float32:
             raise DamagedDataError(
                 f"vectors of {array.shape} {array.dtype}, expected {shape} float32", where=where
@@ -167,26 +180,11 @@ def map_vectors(root: Path, path: str, shape: tuple[int, int]) -> list[np.ndarra
             rows = min(document.shard_rows, shape[0] - shard * document.shard_rows)
             if not array.is_contiguous(shard):  # checks the file's size and index, too
                 raise DamagedDataError("vectors do not lie in order", where=where)
-            with open_plain(where / document.shard_path(shard)) as file:
+            path_of_shard = where / document.shard_path(shard)
+            with open_plain(path_of_shard) as file:
                 mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
             flat = np.frombuffer(mapped, dtype="<f4", count=rows * shape[1])
-            blocks.append(flat.reshape(rows, shape[1]))
+            blocks.append((flat.reshape(rows, shape[1]), path_of_shard))
         return blocks
     finally:
         store.close()
-
-
-def merge_small(blocks: list[np.ndarray]) -> list[np.ndarray]:
-    """Put neighbours together that are small: each block has its cost."""
-    merged: list[np.ndarray] = []
-    waiting: list[np.ndarray] = []
-    for block in [*blocks, None]:
-        if block is not None and len(block) < _SMALL_BLOCK:
-            waiting.append(block)
-            continue
-        if waiting:
-            merged.append(np.concatenate(waiting) if len(waiting) > 1 else waiting[0])
-            waiting = []
-        if block is not None:
-            merged.append(block)
-    return merged

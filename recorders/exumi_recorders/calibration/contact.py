@@ -40,6 +40,8 @@ _STOP_SPEED_M_PER_S = 2e-3
 _LEAST_CLOSING_M = 5e-3
 _STOP_S = 0.15
 _LEAST_STREAM = 8
+# A touch begins about when the encoder stops: of another stop otherwise.
+_SAME_TOUCH_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +148,9 @@ def touch_latency(
     onset = None
     if len(stops) and len(onsets):
         nearest = stops[np.abs(stops[None] - onsets[:, None]).argmin(axis=1)]
-        onset = float(np.median(onsets - nearest)) * 1e-9
+        apart = (onsets - nearest) * 1e-9
+        apart = apart[np.abs(apart) <= _SAME_TOUCH_S]
+        onset = float(np.median(apart)) if len(apart) >= _FEWEST_TOUCHES else None
     return ContactLatency(found.offset_s, found.sigma_s, found.n_events, found.method, onset)
 
 

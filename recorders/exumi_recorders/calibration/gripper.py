@@ -301,6 +301,7 @@ def gripper_item(found: GripperMap) -> CalibrationItem:
                 "raw": [round(float(value), 4) for value in found.raw],
                 "data": [round(float(value), 7) for value in found.opening_m],
             },
+            "range_m": [round(float(value), 7) for value in sorted(found.opening_m[[0, -1]])],
             "modulus": found.modulus,
             "openings_m": [round(float(value), 7) for value in found.knots[:, 0]],
             "counts": [round(float(value), 2) for value in found.knots[:, 1]],

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from exumi_data.calibration import intrinsics_of
 from exumi_data.camera import resized
 from exumi_data.episode import Episode, StreamView
-from exumi_data.errors import UsageError
+from exumi_data.errors import SourceError, UsageError
 from exumi_data.model.calibration import INTRINSICS, Intrinsics
 from exumi_data.model.streams import images_of
 from exumi_data.standard import flags
@@ -20,6 +21,7 @@ from exumi_recorders.calibration.sweep import PoseTrack
 from exumi_recorders.calibration.timing import CameraTiming, Range
 
 __all__ = [
+    "ImageFolder",
     "activity_of",
     "as_stamped",
     "camera_times",
@@ -34,6 +36,7 @@ __all__ = [
 ]
 
 
+_IMAGES = (".png", ".jpg", ".jpeg", ".bmp")
 # Stamps of the first row's beginning; others are of a frame that is there already.
 _AT_START = ("buffer_soe", "container_pts", "device", "simulated", "nominal_rate")
 
@@ -292,3 +295,35 @@ def motion_energy(frames: Iterable[NDArray[np.uint8]]) -> NDArray[np.float64]:
             energy.append(float(cv2.absdiff(np.asarray(grey), before).mean()))
         before = np.asarray(grey, np.uint8)
     return np.array(energy, np.float64)
+
+
+class ImageFolder(Sequence[NDArray[np.uint8]]):
+    """The images of a folder in the order of their names, each read when it is asked for.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        With PNG, JPEG or BMP files.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in _IMAGES)
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    @overload
+    def __getitem__(self, key: int) -> NDArray[np.uint8]: ...
+    @overload
+    def __getitem__(self, key: slice) -> list[NDArray[np.uint8]]: ...
+    def __getitem__(self, key: int | slice) -> NDArray[np.uint8] | list[NDArray[np.uint8]]:
+        """Return an image, (H, W, 3) uint8, or a list of several."""
+        import cv2
+
+        if isinstance(key, slice):
+            return [self[i] for i in range(*key.indices(len(self)))]
+        path = self._paths[key]
+        image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            raise SourceError("no image", where=path)
+        return np.ascontiguousarray(image[..., ::-1], np.uint8)

@@ -134,6 +134,25 @@ class SimulatedSweep:
         rotation = Rotation.from_quat(poses[:, 3:])
         return np.asarray(rotation.inv().apply(_MARKER_M - poses[:, :3]))
 
+    def place_m(self, time_s: Float64Array, points_m: Float64Array) -> Float64Array:
+        """Return where points of the marker are in the camera's frame, at one moment.
+
+        Parameters
+        ----------
+        time_s : (1,) float64
+        points_m : (K, 3) float64
+            In the marker's frame, which is turned like the world's; metres.
+
+        Returns
+        -------
+        (K, 3) float64
+        """
+        from scipy.spatial.transform import Rotation
+
+        pose = self.poses(time_s)[0]
+        rotation = Rotation.from_quat(pose[3:])
+        return np.asarray(rotation.inv().apply(_MARKER_M + points_m - pose[:3]))
+
     def marker_track(self) -> MarkerTrack:
         """Return what a detector makes of the video."""
         settings = self.settings

@@ -33,6 +33,7 @@ __all__ = [
     "depth_table",
     "rectification",
     "scale",
+    "selected_reference",
 ]
 
 DEPTH_TABLE = "depth_table/"
@@ -45,25 +46,23 @@ UInt8Array = NDArray[np.uint8]
 
 _FEWEST = 5
 _MOST_KEPT = 31
+_MOST_FRAMES = 20_000
 # Grey levels: rest looks the same from frame to frame but for noise.
 _MOST_CHANGE = 4
 _MOST_CHANGED = 0.01
 _MOST_TABLE_BYTES = 1 << 20
 
 
-def captured_reference(
-    frames: Iterable[UInt8Array], stream: str, *, has_contact: bool = False
-) -> Calibration:
-    """Make the reference of a rig's finger from frames.
+def captured_reference(frames: Iterable[UInt8Array], stream: str) -> Calibration:
+    """Make the reference of a rig's finger from a recording in which nothing is touched.
+
+    That nothing is touched is for the operator to say; that nothing changes is checked.
 
     Parameters
     ----------
     frames : iterable of (H, W, C) uint8
-        Of one sensor, in order of time. One is held at a time, but for a few dozen.
+        Of one sensor. One is held at a time, but for a few dozen.
     stream : str
-    has_contact : bool, optional
-        Whether the recording has contact in it, from which quiet frames are selected. Otherwise
-        nothing may change in it: it is the operator who says that nothing is touched.
 
     Returns
     -------
@@ -73,35 +72,62 @@ def captured_reference(
     Raises
     ------
     CalibrationRefusedError
-        Too few frames, or they show contact.
+        Too few frames, or something changes.
     """
-    kept, small, indices = _thinned(frames)
-    if len(kept) < _FEWEST:
+    kept, small, count = _thinned(frames)
+    _check_count(count, stream)
+    _check_rest(small, stream)
+    return _reference(kept, stream, f"nothing changes in {count} frames")
+
+
+def selected_reference(frames: Sequence[UInt8Array], stream: str) -> Calibration:
+    """Make the reference of a rig's finger from the quiet frames of a recording with contact.
+
+    Parameters
+    ----------
+    frames : sequence of (H, W, C) uint8
+        Of one sensor, in order of time; the first 20,000 are looked at.
+    stream : str
+
+    Returns
+    -------
+    Calibration
+        The item ``tactile_reference/<stream>`` with its array.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        Too few frames, or none that is known to be without contact.
+    """
+    count = min(len(frames), _MOST_FRAMES)
+    _check_count(count, stream)
+    choice = choose_reference([thumbnail(to_grey(frames[i])) for i in range(count)])
+    if not choice.contact_free:
         raise CalibrationRefusedError(
-            f"{len(kept)} frames, needed are {_FEWEST}", where=stream, fix="Record for a second."
+            f"no frames without contact were found ({choice.reason})",
+            where=stream,
+            fix="Record two seconds in which the finger touches nothing.",
         )
-    if has_contact:
-        choice = choose_reference(small)
-        if not choice.contact_free:
-            raise CalibrationRefusedError(
-                f"no frames without contact were found ({choice.reason})",
-                where=stream,
-                fix="Record two seconds in which the finger touches nothing.",
-            )
-        chosen = list(choice.frames)
-        said = f"selected among {indices[-1] + 1} frames: {choice.reason}"
-    else:
-        _check_rest(small, stream)
-        chosen = list(range(len(kept)))
-        said = f"nothing changes in {indices[-1] + 1} frames"
-    image = reference_image([kept[i] for i in chosen])
+    chosen = [frames[i] for i in choice.frames]
+    return _reference(chosen, stream, f"selected among {count} frames: {choice.reason}")
+
+
+def _check_count(count: int, stream: str) -> None:
+    if count < _FEWEST:
+        raise CalibrationRefusedError(
+            f"{count} frames, needed are {_FEWEST}", where=stream, fix="Record for a second."
+        )
+
+
+def _reference(chosen: Sequence[UInt8Array], stream: str, how: str) -> Calibration:
+    image = reference_image(chosen)
     name = RIG_REFERENCE + stream
-    noise = float(np.mean([np.abs(kept[i].astype(np.int16) - image).mean() for i in chosen]))
+    noise = float(np.mean([np.abs(frame.astype(np.int16) - image).mean() for frame in chosen]))
     item = CalibrationItem(
         value=None,
         residual=round(noise, 3),
         method=CAPTURE_METHOD,
-        procedure=f"median of {len(chosen)} frames; {said}; residual: mean grey levels",
+        procedure=f"median of {len(chosen)} frames; {how}; residual: mean grey levels",
         array=array_path(name),
     )
     return Calibration({name: item}, {name: image})
@@ -109,24 +135,23 @@ def captured_reference(
 
 def _thinned(
     frames: Iterable[UInt8Array],
-) -> tuple[list[UInt8Array], list[UInt8Array], list[int]]:
+) -> tuple[list[UInt8Array], list[UInt8Array], int]:
     """Keep up to a few dozen evenly spread frames without knowing how many there are."""
     kept: list[UInt8Array] = []
     small: list[UInt8Array] = []
-    indices: list[int] = []
-    step = 1
+    step, count = 1, 0
     for i, frame in enumerate(frames):
+        count = i + 1
         if i % step:
             continue
         if kept and frame.shape != kept[0].shape:
             raise CalibrationRefusedError(f"frame {i} is {frame.shape}, not {kept[0].shape}")
         kept.append(frame.copy())
         small.append(thumbnail(to_grey(frame)))
-        indices.append(i)
         if len(kept) > 2 * _MOST_KEPT:
-            kept, small, indices = kept[::2], small[::2], indices[::2]
+            kept, small = kept[::2], small[::2]
             step *= 2
-    return kept, small, indices
+    return kept, small, count
 
 
 def _check_rest(small: Sequence[UInt8Array], stream: str) -> None:

@@ -20,7 +20,7 @@ from numcodecs.zstd import Zstd
 from exumi_data.errors import DamagedDataError, LimitError, UnsupportedError, UsageError
 from exumi_data.store.access import FolderStore
 from exumi_data.store.shards import ArrayReader, ArrayWriter, Bytes, crc32c, open_array
-from exumi_data.store.zarr_document import DTYPES, MAX_SHARD_BYTES
+from exumi_data.store.zarr_document import DTYPES, MAX_SHARD_BYTES, parse_array
 
 ABSENT = 0xFFFFFFFFFFFFFFFF
 
@@ -515,3 +515,10 @@ def test_an_array_larger_than_the_limit_is_refused_after_its_shards_were_looked_
     path.write_text(json.dumps(document))
     with pytest.raises(LimitError, match="a chunk of 8,589,934,592 bytes"):
         opened(tmp_path)
+
+
+def test_a_document_that_is_wrong_twice_is_named_twice() -> None:
+    """Documents are understood once, wherever they are; what is wrong is somewhere."""
+    for where in ("here", "there"):
+        with pytest.raises(DamagedDataError, match=f"^{where}: "):
+            parse_array(b'{"node_type": "group"}', where)

@@ -289,7 +289,7 @@ def test_what_is_no_index_is_refused(tmp_path: Path, index: TactileIndex) -> Non
 def test_an_index_cannot_ask_for_more_than_its_files_hold(index: TactileIndex) -> None:
     """Numbers in the documents alone cost no memory."""
     segment = index.document.segments[0]
-    _edit(index.path, segments=[{"name": segment.name, "rows": 2**31, "forgotten": []}])
+    _edit(index.path, segments=[{"name": segment.name, "rows": 2**31, "crc32c": []}])
     with pytest.raises(DamagedDataError, match="expected"):
         TactileIndex.open(index.path)
     array = index.path / "segments" / segment.name / "embeddings" / "zarr.json"

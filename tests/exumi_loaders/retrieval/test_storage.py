@@ -222,7 +222,7 @@ def test_segments_come_back_as_they_were(
     vectors = unit(np.random.default_rng(width).normal(size=(len(entries), width)))
     segment = open_segment(root, write_segment(root, vectors, entries), width)
     assert segment.entries(segment.alive) == entries
-    np.testing.assert_array_equal(np.concatenate(segment.blocks), vectors)
+    np.testing.assert_array_equal(np.concatenate([block.rows for block in segment.blocks]), vectors)
     assert [entry_of(row) for row in segment.table.to_pylist()] == entries
 
 
@@ -232,8 +232,8 @@ def test_large_segments_are_mapped_in_blocks(tmp_path: Path) -> None:
     blocks = (vectors[start : start + 999] for start in range(0, len(vectors), 999))
     segment = open_segment(tmp_path, write_segment(tmp_path, blocks, entries), 2048)
     assert len(segment.blocks) > 1
-    assert not any(block.flags.writeable for block in segment.blocks)
-    np.testing.assert_array_equal(np.concatenate(segment.blocks), vectors)
+    assert not any(block.rows.flags.writeable for block in segment.blocks)
+    np.testing.assert_array_equal(np.concatenate([block.rows for block in segment.blocks]), vectors)
 
 
 def test_vectors_that_are_not_numbers_are_not_written(tmp_path: Path) -> None:
@@ -295,7 +295,7 @@ def _document(**changed: Any) -> IndexDocument:
 )
 def test_documents_come_back_as_they_were(rows: int, forgotten: set[int], generation: int) -> None:
     segment = SegmentStatement(
-        name="ab" * 16, rows=rows, forgotten=sorted(n for n in forgotten if n < rows)
+        name="ab" * 16, rows=rows, crc32c=[7], forgotten=sorted(n for n in forgotten if n < rows)
     )
     document = _document(segments=[segment], generation=generation)
     assert parse_index(dump_index(document), "here") == document
@@ -304,9 +304,9 @@ def test_documents_come_back_as_they_were(rows: int, forgotten: set[int], genera
 @pytest.mark.parametrize(
     "segments",
     [
-        [SegmentStatement(name="ab" * 16, rows=3, forgotten=[3])],
-        [SegmentStatement(name="ab" * 16, rows=3, forgotten=[1, 1])],
-        [SegmentStatement(name="ab" * 16, rows=3)] * 2,
+        [SegmentStatement(name="ab" * 16, rows=3, crc32c=[1], forgotten=[3])],
+        [SegmentStatement(name="ab" * 16, rows=3, crc32c=[1], forgotten=[1, 1])],
+        [SegmentStatement(name="ab" * 16, rows=3, crc32c=[1])] * 2,
     ],
 )
 def test_documents_that_contradict_themselves_are_refused(segments: Any) -> None:
@@ -315,6 +315,6 @@ def test_documents_that_contradict_themselves_are_refused(segments: Any) -> None
 
 
 def test_names_of_segments_lead_nowhere_else() -> None:
-    raw = dump_index(_document(segments=[SegmentStatement(name="ab" * 16, rows=3)]))
+    raw = dump_index(_document(segments=[SegmentStatement(name="ab" * 16, rows=3, crc32c=[1])]))
     with pytest.raises(MetadataError):
         parse_index(raw.replace(b"ab" * 16, b"../../etc"), "here")

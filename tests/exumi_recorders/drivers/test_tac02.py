@@ -151,7 +151,8 @@ def test_garbage_and_cut_frames_are_counted_and_all_else_is_right(device: Simula
         device.fail("partial", 77)
         samples += read_for(driver, 0.03)
     driver.close()
-    assert 6 <= driver.health().lost["framing"] < 100
+    # How many depends on how much was waiting: a burst with a cut frame in it is refused whole.
+    assert driver.health().lost["framing"] >= 6
     assert "came broken" in driver.health().problems[0]
     assert len(samples) > 40
     times_s = np.arange(40_000) / 1000

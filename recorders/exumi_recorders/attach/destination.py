@@ -1,0 +1,124 @@
+"""The dataset that clips' episodes go into: one run at a time, and its catalog kept true."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from exumi_data.catalog import (
+    CATALOG_NAME,
+    EPISODES_FOLDER,
+    build_catalog,
+    episode_path,
+    list_episodes,
+    read_catalog,
+    rows_to_table,
+    write_catalog,
+)
+from exumi_data.dataset import create_dataset
+from exumi_data.episode import open_episode
+from exumi_data.errors import ExumiError, UsageError
+from exumi_data.model import DatasetMetadata, EpisodeMetadata
+from exumi_data.model.documents import dump
+from exumi_data.store.files import try_lock
+
+__all__ = ["Destination", "opened"]
+
+
+class Destination:
+    """A dataset that is written into.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        table = read_catalog(root)
+        self._rows = {} if table is None else {row["path"]: row for row in table.to_pylist()}
+        self._changed: set[str] = set()
+
+    def path_of(self, metadata: EpisodeMetadata) -> Path:
+        """Return where an episode goes, and say that it changes."""
+        relative = episode_path(metadata.id)
+        self._changed.add(relative)
+        (self.root / CATALOG_NAME).unlink(missing_ok=True)  # it would be wrong until the end
+        return self.root / relative
+
+    def is_current(self, metadata: EpisodeMetadata) -> bool:
+        """Whether an episode is there, whole, and made of the same bytes and settings.
+
+        Parameters
+        ----------
+        metadata : EpisodeMetadata
+            What an episode made now would say; its revision is set to follow the one that is there.
+        """
+        for packed in (False, True):
+            path = self.root / episode_path(metadata.id, packed=packed)
+            if not path.exists():
+                continue
+            try:
+                with open_episode(path) as episode:
+                    if _same(episode.metadata, metadata):
+                        episode.check_complete()
+                        return True
+                    metadata.revision = episode.metadata.revision + 1
+            except ExumiError:
+                continue
+        return False
+
+    def refresh_catalog(self) -> list[str]:
+        """Write the catalog; read only what changed. Return what could not be read."""
+        present = list_episodes(self.root)
+        new = [path for path in present if path in self._changed or path not in self._rows]
+        built, problems = build_catalog(self.root, paths=new)
+        known = [self._rows[path] for path in present if path not in new]
+        table = rows_to_table([*known, *built.to_pylist()])
+        before = read_catalog(self.root)
+        if before is None or not table.equals(before):
+            write_catalog(self.root, table)
+        return [f"not in the catalog, because it cannot be read: {p.error}" for p in problems]
+
+
+def _same(found: EpisodeMetadata, wanted: EpisodeMetadata) -> bool:
+    keys = ("inputs", "settings_sha256", "parent_id", "parent_digest", "key")
+    old, new = dump(found.source), dump(wanted.source)
+    return all(old.get(key) == new.get(key) for key in keys)
+
+
+@contextmanager
+def opened(path: Path, metadata: DatasetMetadata) -> Iterator[Destination]:
+    """Make a dataset or take up the one that is there, and keep others out of it meanwhile.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    metadata : DatasetMetadata
+        Of a new one.
+
+    Raises
+    ------
+    UsageError
+        The folder holds something else, cannot be written, or is being written by another command.
+    """
+    try:
+        root = create_dataset(path, metadata)
+        (root / EPISODES_FOLDER).mkdir(exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"cannot be made ({error.strerror})", where=path, fix="Name a folder you may write to."
+        ) from None
+    descriptor = os.open(root, os.O_RDONLY)
+    try:
+        try:
+            try_lock(descriptor)
+        except BlockingIOError:
+            raise UsageError(
+                "another command is writing into this dataset",
+                where=root,
+                fix="Wait until it is done, or stop it.",
+            ) from None
+        yield Destination(root)
+    finally:
+        os.close(descriptor)

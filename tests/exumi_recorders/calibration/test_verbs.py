@@ -1,0 +1,230 @@
+"""``exumi calibrate``, from a recording to a corrected dataset."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from exumi_data.catalog import build_catalog, episode_path, write_catalog
+from exumi_data.cli.app import app
+from exumi_data.dataset import create_dataset, open_dataset
+from exumi_data.episode import open_episode
+from exumi_data.model import DatasetMetadata, Frames, RawData
+from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_recorders.calibration.files import read_calibration
+from exumi_recorders.calibration.simulated_episode import write_sweep_episode
+from exumi_recorders.calibration.simulated_sweep import SweepSettings
+from exumi_validators import validate
+from tests.exumi_data.builders import metadata
+from tests.exumi_data.synchronisation.gripping import activity, as_ns, frame_times, width_m
+from tests.exumi_recorders.calibration.test_controller import TIP, pivoting
+from tests.exumi_recorders.calibration.test_tactile import frames as gel_frames
+from tests.exumi_recorders.calibration.test_tactile import write_maps
+
+SETTINGS = SweepSettings(
+    rate_hz=1.2,
+    delay_s=0.030,
+    seconds=9.0,
+    missing=0.0,
+    exposure_s=0.004,
+    readout_s=0.012,
+    headset_lag_s=0.012,
+    frames_per_s=30.0,
+)
+
+
+def calibrate(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["calibrate", *map(str, arguments)])
+
+
+def found(done: Result) -> dict[str, Any]:
+    assert done.exit_code == 0, done.output
+    document: dict[str, Any] = json.loads(done.stdout)
+    return document
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_sweep_episode(tmp_path_factory.mktemp("sweep") / "s.zarr", SETTINGS, seed=2)
+
+
+def test_from_a_sweep_to_a_corrected_dataset(sweep: Path, tmp_path: Path) -> None:
+    rig, picture = tmp_path / "rig.json", tmp_path / "sweep.png"
+    said = found(calibrate("latency", sweep, "--out", rig, "--plot", picture, "-f", "json"))
+    item = said["items"]["latency/pose"]
+    # What the poses are late by: the way, and the headset's lag.
+    assert item["value"] == pytest.approx(42e6, abs=5e6)
+    assert item["uncertainty"] > 8e6
+    assert item["time"].endswith("Z")
+    assert said["sweeps"][0]["detected"] == said["sweeps"][0]["frames"] == 270
+    image = cv2.imread(str(picture))
+    assert image is not None
+    known = ("--exposure-ms", 4, "--readout-ms", "12,12", "--headset-lag-ms", 12)
+    said = found(calibrate("latency", sweep, "--out", rig, *known, "-f", "json"))
+    assert said["items"]["latency/pose"]["value"] == pytest.approx(42e6, abs=0.4e6)
+
+    root = tmp_path / "dataset"
+    create_dataset(root, DatasetMetadata(name="sweeps", licence="CC0-1.0"))
+    with open_episode(sweep) as episode:
+        target = root / episode_path(episode.id)
+    target.parent.mkdir(parents=True)
+    import shutil
+
+    shutil.copytree(sweep, target)
+    write_catalog(root, build_catalog(root)[0])
+    for changed, text in ((True, "1 of 1 episodes changed"), (False, "0 of 1 episodes changed")):
+        done = calibrate("apply", root, "--calibration", rig)
+        assert done.exit_code == 0, done.output
+        assert text in done.stdout
+        assert ("times of: pose" in done.stdout) is changed
+    report = validate(root)
+    assert {p.code for p in report.problems} <= {"SPLIT-001"}
+    with open_dataset(root)[0] as episode:
+        assert episode.metadata.revision == 2
+        clock = episode["pose"].metadata.clock
+        assert clock.latency_ns == said["items"]["latency/pose"]["value"]
+    # What is left of the latency, measured again by the corrected stream's stamps, is the same.
+    said_again = found(calibrate("latency", target, "--out", rig, *known, "-f", "json"))
+    assert said_again["items"]["latency/pose"]["value"] == clock.latency_ns
+
+
+def test_a_sweep_that_is_refused(sweep: Path, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.json"
+    done = calibrate("latency", sweep, "--out", rig, "--marker", 5)
+    assert done.exit_code == 2
+    assert "found in 0 of 270 frames" in done.output
+    done = calibrate("latency", sweep, "--out", rig, "--max-lag", 0.05, "--dictionary", "DICT_X")
+    assert done.exit_code == 2
+    regular = SweepSettings(rate_hz=2.0, seconds=8.0, regular=True, frames_per_s=20.0, missing=0.0)
+    path = write_sweep_episode(tmp_path / "r.zarr", regular)
+    picture = tmp_path / "refused.png"
+    done = calibrate("latency", path, "--out", rig, "--plot", picture)
+    assert done.exit_code == 1
+    assert "the sweep repeats itself" in done.output
+    assert picture.exists()
+    assert not rig.exists()
+
+
+def write(path: Path, add: Callable[[EpisodeWriter], None]) -> Path:
+    with EpisodeWriter(path, metadata(), durable=False) as writer:
+        add(writer)
+    return path
+
+
+def test_gripper(tmp_path: Path) -> None:
+    readings = tmp_path / "readings.csv"
+    lines = [f"{10 * i},{(4000 + 60 * i) % 4096}" for i in range(8)]
+    readings.write_text("opening_mm,count\n" + "\n".join(lines) + "\n")
+    rig = tmp_path / "rig.json"
+    done = calibrate("gripper", readings, "--out", rig)
+    assert done.exit_code == 0, done.output
+    assert "width_map: standard deviation 0.5" in done.stdout
+    held = np.repeat(np.arange(8), 300)
+
+    def add(writer: EpisodeWriter) -> None:
+        raw = RawData(unit="count", modulus=4096)
+        width = writer.add_stream("width", kind="width", raw=raw)
+        counts = ((4000 + 60 * held) % 4096).astype(np.uint16)
+        width.append(np.arange(len(held)) * 5_000_000, np.zeros(len(held)), raw=counts)
+
+    steps = write(tmp_path / "steps.zarr", add)
+    openings = ",".join(str(10 * i) for i in range(8))
+    done = calibrate("gripper", steps, "--openings-mm", openings, "--out", rig, "--name", "w")
+    assert done.exit_code == 0, done.output
+    items = read_calibration(rig).items
+    assert items["w"].value["raw_to_data"] == items["width_map"].value["raw_to_data"]
+    done = calibrate("gripper", steps, "--openings-mm", "0,10", "--out", rig)
+    assert (done.exit_code, "rested 8 times" in done.output) == (2, True)
+
+
+def test_controller(tmp_path: Path) -> None:
+    def add(writer: EpisodeWriter) -> None:
+        frames = Frames(parent="world", child="controller")
+        pose = writer.add_stream("pose", kind="pose", frames=frames)
+        poses = pivoting()
+        pose.append(np.arange(len(poses)) * 11_000_000, poses)
+
+    rig, path = tmp_path / "rig.json", write(tmp_path / "pivot.zarr", add)
+    said = found(calibrate("controller", path, "--out", rig, "-f", "json"))
+    matrix = np.array(said["items"]["T_controller_tcp"]["value"])
+    assert matrix[:3, 3] == pytest.approx(TIP, abs=5e-4)
+    chain = tmp_path / "chain.json"
+    steps = [{"translation_m": [0, 0, 1]}]
+    chain.write_text(json.dumps({"name": "T_a_b", "method": "published", "steps": steps}))
+    assert calibrate("controller", "--chain", chain, "--out", rig).exit_code == 0
+    assert set(read_calibration(rig).items) == {"T_controller_tcp", "T_a_b"}
+    assert calibrate("controller", "--out", rig).exit_code == 2
+    chain.write_text("{}")
+    assert calibrate("controller", "--chain", chain, "--out", rig).exit_code == 2
+
+
+def test_hand_and_eye_in_a_sweep_turns_too_little(sweep: Path, tmp_path: Path) -> None:
+    done = calibrate("controller", sweep, "--hand-eye", "--out", tmp_path / "rig.json")
+    assert done.exit_code == 2
+    assert "second axis" in done.output or "different views" in done.output
+
+
+def test_contact(tmp_path: Path) -> None:
+    def add(writer: EpisodeWriter) -> None:
+        frames, samples = frame_times(20.0), np.arange(0, 20, 0.005)
+        images = {"encoding": "array", "height": 2, "width": 2, "channels": 1}
+        touch = writer.add_stream("tactile", kind="tactile", images=images)
+        touch.append(as_ns(frames + 0.05), np.zeros((len(frames), 2, 2, 1), np.uint8))
+        width = writer.add_stream("width", kind="width")
+        width.append(as_ns(samples), width_m(samples))
+        writer.add_derived(
+            "tactile",
+            "activity",
+            activity(frames).astype(np.float32),
+            algorithm="exumi-activity/1",
+        )
+
+    rig, path = tmp_path / "rig.json", write(tmp_path / "grasps.zarr", add)
+    said = found(calibrate("contact", path, "--out", rig, "-f", "json"))
+    item = said["items"]["latency/tactile"]
+    assert abs(item["value"] - 50e6) < 3 * item["uncertainty"] < 25e6
+    done = calibrate("contact", path, "--stream", "width", "--out", rig)
+    assert (done.exit_code, "of kind width" in done.output) == (2, True)
+
+
+def test_tactile(tmp_path: Path) -> None:
+    rig, images = tmp_path / "rig.json", tmp_path / "rest"
+    images.mkdir()
+    for i, frame in enumerate(gel_frames(8)):
+        cv2.imwrite(str(images / f"{i:02}.png"), frame)
+    write_maps(tmp_path / "sensor/camera_calibration")
+    (tmp_path / "sensor/depth_calibration").mkdir()
+    np.save(tmp_path / "sensor/depth_calibration/Pixel_to_Depth.npy", np.array([0.0, 0.1]))
+    done = calibrate(
+        "tactile",
+        images,
+        *("--stream", "tactile_left", "--ninedtact", tmp_path / "sensor"),
+        *("--mm-per-px", "0.05,0.06", "--out", rig),
+    )
+    assert done.exit_code == 0, done.output
+    calibration = read_calibration(rig)
+    assert sorted(calibration.items) == [
+        "depth_table/tactile_left",
+        "mm_per_px/tactile_left",
+        "rectification/tactile_left",
+        "tactile_reference/tactile_left",
+    ]
+    assert calibration.arrays["tactile_reference/tactile_left"].shape == (120, 160, 3)
+    assert calibrate("tactile", "--stream", "t", "--out", rig).exit_code == 2
+    assert calibrate("tactile", "--stream", "t", "--ninedtact", images, "--out", rig).exit_code == 2
+
+
+def test_camera(tmp_path: Path) -> None:
+    path = tmp_path / "k.json"
+    path.write_text(json.dumps({"K": [[9, 0, 4], [0, 9, 3], [0, 0, 1]]}))
+    rig = tmp_path / "rig.json"
+    arguments = ("camera", path, "--stream", "rgb", "--out", rig)
+    assert calibrate(*arguments).exit_code == 2
+    assert calibrate(*arguments, "--size", "8by6").exit_code == 2
+    said = found(calibrate(*arguments, "--size", "8x6", "-f", "json"))
+    assert said["items"]["intrinsics/rgb"]["value"]["fx"] == 9.0
