@@ -234,6 +234,7 @@ def _document(
         devices[name] = {
             "driver": "uvc",
             "device": f"unix:{setup.socket}",
+            "start_timeout_s": _START_S,  # the machine that records draws the pictures as well
             **size,
             **(finger if name != "rgb" else {"sensor": "simulated-wrist-camera"}),
             "streams": {"images": name},
