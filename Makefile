@@ -23,7 +23,7 @@ $(STAMP): pyproject.toml constraints.txt exumi_data/_version.py
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[train,record,test]"
 	@touch $(STAMP)
 
-demo: setup  ## a simulated play session: recorded, validated, measured, loaded, drawn
+demo: setup  ## a simulated gripper plays: recorded live, validated, prepared, loaded, drawn
 	$(BIN)/exumi demo
 
 test: setup  ## the tests

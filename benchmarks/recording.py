@@ -313,8 +313,8 @@ def run(root: Path, arguments: argparse.Namespace) -> dict[str, Any]:
         pressures.append(status.pressure)
         peaks.append(_memory_mib())
     after, wall = os.times(), time.monotonic() - wall
-    recorded = recorder.stop()
     ended_ns = time.monotonic_ns()
+    recorded = recorder.stop()
     recorder.close()
     generator.terminate()
     generator.wait()

@@ -10,18 +10,22 @@ from exumi_data.cli.options import QuietOption, WorkersOption, epilog, given_pat
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from exumi_data.cli.demo_play import Played
     from exumi_data.dataset import Dataset
-    from exumi_data.demo import DemoSettings, SheetWindow
+    from exumi_data.demo import SheetWindow, ShownGrasp
+    from exumi_data.episode import Episode
     from exumi_loaders import TPPWindows
 
 __all__ = ["EPILOG", "run"]
 
-EPILOG = epilog("exumi demo", "exumi demo --out /tmp/play --seed 3 --seconds 30")
+EPILOG = epilog(
+    "exumi demo",
+    "exumi demo --out /tmp/play --seed 3 --seconds 30",
+    "exumi demo --out /tmp/play --direct --seconds 600",
+)
 
-PICTURE = "contact-sheet.png"
 
-
-def run(
+def run(  # options of the command line
     out: Annotated[
         Path, typer.Option(parser=given_path, metavar="PATH", help="Folder to write into.")
     ] = Path("exumi-demo"),
@@ -29,26 +33,45 @@ def run(
     seconds: Annotated[
         float, typer.Option(min=3, max=3600, help="Length of the session, about 5 s a grasp.")
     ] = 20.0,
+    direct: Annotated[
+        bool,
+        typer.Option(
+            "--direct",
+            help="Write the episodes straight from the simulation, without recording: the same "
+            "seed gives the same dataset.",
+        ),
+    ] = False,
     workers: WorkersOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Show the whole path on a simulated play session, in under a minute.
 
-    Simulates a gripper with two tactile fingertips, writes what its sensors say as a dataset,
-    validates and measures it, loads training windows, and draws a picture of one grasp.
+    A simulated hand with a tactile gripper plays for --seconds. Its devices speak the real
+    protocols; what they send is recorded live, one episode a grasp. Then everything is validated,
+    measured and prepared, training windows are loaded, and a picture of one grasp is drawn, with
+    the truth on it.
     """
+    from exumi_data.cli.demo_play import record, simulate
     from exumi_data.cli.output import result_console
-    from exumi_data.demo import DemoSettings
+    from exumi_data.demo import DemoSettings, demo_folder, shown_grasp
 
     settings = DemoSettings(seed=seed, seconds=seconds)
     console = result_console()
     console.print(f"[bold]exUMI demo[/]: {seconds:g} s of simulated play, seed {seed}")
-    dataset = _write(console, out / "dataset", settings, workers=workers, quiet=quiet)
-    valid = _validate(console, dataset)
-    _measure(console, dataset)
-    window = _load(console, dataset, settings)
-    _draw(console, dataset, settings, window, out / PICTURE)
-    _say_next(console, dataset.path, out / PICTURE)
+    with demo_folder(out) as folder:
+        if direct:
+            played = simulate(folder.dataset, settings, workers=workers, quiet=quiet)
+        else:
+            played = record(folder.dataset, settings, quiet=quiet)
+        _step(console, 1, "Simulate and write" if direct else "Record", played.text)
+        valid = _validate(console, played.dataset)
+        _measure(console, played.dataset)
+        training = _prepare(console, played.dataset, folder.training, workers=workers, quiet=quiet)
+        shown = shown_grasp(played.session, played.dataset, played.epoch_ns)
+        prepared = _prepared(training, shown.episode_id)
+        window = _load(console, training, prepared, shown)
+        _draw(console, played, prepared, shown, window, folder.picture)
+    _say_next(console, folder.dataset, folder.training)
     if not valid:
         from exumi_data.cli.failures import FOUND_WRONG
 
@@ -58,34 +81,6 @@ def run(
 def _step(console: "Console", number: int, what: str, result: str) -> None:
     console.print()
     console.print(f"[bold cyan]{number}[/] [bold]{what}[/]  {result}", soft_wrap=True)
-
-
-def _write(
-    console: "Console", root: Path, settings: "DemoSettings", *, workers: int | None, quiet: bool
-) -> "Dataset":
-    import time
-
-    from exumi_data.cli.output import progress_of, size_text, time_text
-    from exumi_data.demo import write_play_dataset
-
-    began = time.perf_counter()
-    with progress_of("Simulating", quiet=quiet) as update:
-        dataset = write_play_dataset(
-            root,
-            settings,
-            workers=workers,
-            on_done=lambda done, total: update(done, total, "grasps"),
-        )
-    streams = [stream["name"] for stream in dataset.catalog.column("streams")[0].as_py()]
-    size = size_text(sum(dataset.catalog.column("bytes").to_pylist()))
-    _step(
-        console,
-        1,
-        "Simulate and write",
-        f"{len(dataset)} grasp(s), one episode each ({', '.join(streams)}), {size} "
-        f"in {time_text(time.perf_counter() - began)}",
-    )
-    return dataset
 
 
 def _validate(console: "Console", dataset: "Dataset") -> bool:
@@ -116,21 +111,53 @@ def _measure(console: "Console", dataset: "Dataset") -> None:
     print_statistics(measure(dataset), console)
 
 
-def _load(console: "Console", dataset: "Dataset", settings: "DemoSettings") -> "SheetWindow":
-    """Load training windows; return the one around the first touch of the first grasp."""
+def _prepare(
+    console: "Console", dataset: "Dataset", target: Path, *, workers: int | None, quiet: bool
+) -> "Dataset":
+    import exumi_data
+    from exumi_converters import prepare
+    from exumi_data.cli.output import plain, time_text
+    from exumi_data.cli.run_report import run_progress
+    from exumi_data.errors import ExumiError
+
+    with run_progress("Preparing", quiet=quiet) as on_progress:
+        report = prepare(dataset.path, target, workers=workers, on_progress=on_progress)
+    if report.failed:
+        raise ExumiError(report.failed[0].reason, where=report.failed[0].name)
+    _step(
+        console,
+        4,
+        "Prepare",
+        f"{report.frames:,} frames resized to 224 pixels, activity measured, "
+        f"in {time_text(report.seconds)}: {plain(target)}",
+    )
+    opened = exumi_data.open(target)
+    assert isinstance(opened, exumi_data.Dataset)  # noqa: S101  # it was made as one
+    return opened
+
+
+def _prepared(training: "Dataset", parent: str) -> "Episode":
+    """Return the prepared episode that was made of an episode."""
+    return next(one for one in training if one.metadata.source.parent_id == parent)
+
+
+def _load(
+    console: "Console", training: "Dataset", prepared: "Episode", shown: "ShownGrasp"
+) -> "SheetWindow":
+    """Load training windows; return the one around the first touch of the grasp."""
     import exumi_loaders
     from exumi_data.cli.output import plain
-    from exumi_data.demo import shown_grasp, window_of_episode
+    from exumi_data.demo import window_of_episode
     from exumi_data.errors import MissingExtraError
 
-    shown = shown_grasp(settings)
     try:
-        windows = exumi_loaders.TPPWindows(dataset, random_history=False, cache=False)
+        # The gripper's pose alone: what the headset does is no action.
+        windows = exumi_loaders.TPPWindows(training, pose="pose", random_history=False, cache=False)
     except MissingExtraError as error:
-        _step(console, 4, "Load windows", f"[yellow]left out[/]: {plain(error)}")
-        return window_of_episode(dataset[shown.episode_id], shown.window_ns, "tactile_left")
-    _step(console, 4, "Load windows", _loading(windows))
-    return _window_at(windows, dataset.ids.index(shown.episode_id), shown.window_ns)
+        _step(console, 5, "Load windows", f"[yellow]left out[/]: {plain(error)}")
+        return window_of_episode(prepared, shown.window_ns, "tactile_left")
+    _step(console, 5, "Load windows", _loading(windows))
+    return _window_at(windows, training.ids.index(prepared.id), shown.window_ns)
 
 
 def _loading(windows: "TPPWindows") -> str:
@@ -169,29 +196,36 @@ def _window_at(windows: "TPPWindows", episode: int, time_ns: int) -> "SheetWindo
     )
 
 
-def _draw(
+def _draw(  # what the picture is put together from
     console: "Console",
-    dataset: "Dataset",
-    settings: "DemoSettings",
+    played: "Played",
+    prepared: "Episode",
+    shown: "ShownGrasp",
     window: "SheetWindow",
     target: Path,
 ) -> None:
     from exumi_data.cli.output import plain
-    from exumi_data.demo import draw_grasp, shown_grasp
+    from exumi_data.demo import deviation_of, draw_grasp
 
-    shown = shown_grasp(settings)
-    with dataset[shown.episode_id] as episode:
-        draw_grasp(episode, settings, shown, window).save(target)
-    _step(console, 5, "Draw", f"[bold]{plain(target)}[/]: the grasp of the {shown.object_name}")
+    with played.dataset[shown.episode_id] as episode:
+        draw_grasp(episode, prepared, shown, window, played.command).save(target)
+        apart = deviation_of(played.session, episode, shown.span)
+    _step(
+        console,
+        6,
+        "Draw",
+        f"[bold]{plain(target)}[/]: the grasp of the {shown.object_name}; from the truth, its "
+        f"width is {apart.width_m * 1e3:.2f} mm away, its place {apart.place_m * 1e3:.2f} mm (rms)",
+    )
 
 
-def _say_next(console: "Console", dataset: str, picture: Path) -> None:
+def _say_next(console: "Console", dataset: Path, training: Path) -> None:
     console.print()
     console.print("[bold]Look at the picture, then try:[/]")
     for line in (
         f"exumi info {dataset}",
         f"exumi validate {dataset} --format json",
-        f"exumi prepare {dataset} {picture.parent}/training --size 224 --gray",
+        f"exumi stats {training}",
         f"python -c \"import exumi_data; print(exumi_data.open('{dataset}')[0].streams)\"",
     ):
         console.print(f"  {line}", markup=False, soft_wrap=True)

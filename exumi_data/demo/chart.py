@@ -11,6 +11,8 @@ from exumi_data.demo.canvas import Canvas, Color
 __all__ = ["Chart", "Curve"]
 
 _PAD = 14
+_WIDE = 5
+"""Of a curve that the truth lies on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,11 +26,14 @@ class Curve:
     value : (N,) float64
         In the chart's unit.
     color : (int, int, int)
+    is_truth : bool
+        Drawn as a thin line over the others.
     """
 
     time_s: npt.NDArray[np.float64]
     value: npt.NDArray[np.float64]
     color: Color
+    is_truth: bool = False
 
 
 class Chart:
@@ -53,6 +58,7 @@ class Chart:
         self._box = box
         self._span_s = span_s
         self._curves = curves
+        self._has_truth = any(curve.is_truth for curve in curves)
         top = max(float(curve.value.max()) for curve in curves)
         self._step = nice_step(top)
         self._top = max(top, self._step)
@@ -81,11 +87,14 @@ class Chart:
             canvas.text((left + width + 10, y + 6), f"{value:g}", size=18, color=text)
         for curve in self._curves:
             points = [self.place(t, v) for t, v in zip(curve.time_s, curve.value, strict=True)]
+            if curve.is_truth:
+                canvas.line(points, curve.color, width=1)
+                continue
             floor = self.place(0.0, 0.0)[1]
             canvas.area(
                 [(points[0][0], floor), *points, (points[-1][0], floor)], curve.color, alpha=0.10
             )
-            canvas.line(points, curve.color, width=3)
+            canvas.line(points, curve.color, width=_WIDE if self._has_truth else 3)
 
 
 def nice_step(top: float) -> float:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from exumi_data.demo.canvas import Canvas, mix
 from exumi_data.demo.chart import Chart, Curve
@@ -16,6 +17,7 @@ from exumi_data.demo.look import (
     PLAIN,
     QUIET,
     TEXT,
+    TRUE,
     WIDTH,
     WINDOW,
     badge,
@@ -31,9 +33,13 @@ from exumi_data.demo.story import (
 )
 from exumi_data.episode import Episode
 
-__all__ = ["Band", "draw_curves"]
+__all__ = ["CURVES_HEIGHT", "Band", "draw_curves"]
+
+CURVES_HEIGHT = 558
+"""Of all charts together, pixels."""
 
 _BETWEEN = 22
+_HEIGHTS = (116, 116, 130, 130)
 _LEFT = MARGIN + LABELS
 _ACROSS = WIDTH - MARGIN - _LEFT
 
@@ -55,21 +61,24 @@ class _Row:
     curves: tuple[Curve, ...]
 
 
-def draw_curves(
+def draw_curves(  # what the charts are put together from
     canvas: Canvas,
     episode: Episode,
+    prepared: Episode,
     moments: Sequence[Moment],
     truth: GraspTruth,
     window: SheetWindow,
     *,
     top: float,
 ) -> Band:
-    """Draw gripper width, true contact depth and activity, one below the other.
+    """Draw width and height of the gripper, contact depth and activity, one below the other.
 
     Parameters
     ----------
     canvas : Canvas
     episode : Episode
+    prepared : Episode
+        The same, prepared for training: its activity is drawn.
     moments : sequence of Moment
         Marked by lines with their numbers.
     truth : GraspTruth
@@ -83,7 +92,7 @@ def draw_curves(
     Band
     """
     end_s = max(int(episode[name].time[-1]) for name in episode.streams) * 1e-9
-    rows = _rows(episode, truth)
+    rows = _rows(episode, prepared, truth)
     bottom = top + sum(row.height for row in rows) + _BETWEEN * (len(rows) - 1)
     band = Band(
         max(_x((window.time_ns + FIRST_STEP * TICK_NS) * 1e-9, end_s), _LEFT),
@@ -114,22 +123,38 @@ def _x(time_s: float, end_s: float) -> float:
     return _LEFT + time_s / end_s * _ACROSS
 
 
-def _rows(episode: Episode, truth: GraspTruth) -> tuple[_Row, ...]:
-    width = episode["width"]
-    opening = Curve(width.time.astype(np.float64) * 1e-9, width.data * 1e3, PLAIN)
-    true_s = truth.time_ns.astype(np.float64) * 1e-9
+def _rows(episode: Episode, prepared: Episode, truth: GraspTruth) -> tuple[_Row, ...]:
+    true_s = _seconds(truth.time_ns)
+    width, pose = episode["width"], episode["pose"]
+    opening = (
+        Curve(_seconds(width.time), width.data * 1e3, PLAIN),
+        Curve(true_s, truth.width_m * 1e3, TRUE, is_truth=True),
+    )
+    height = (
+        Curve(_seconds(pose.time), pose.data[:, 2] * 1e3, PLAIN),
+        Curve(true_s, truth.height_m * 1e3, TRUE, is_truth=True),
+    )
     depth = [Curve(true_s, truth.depth_m[name] * 1e3, color) for name, color in FINGERS.items()]
     activity = []
     for name, color in FINGERS.items():
-        stored = episode[name].activity
-        assert stored is not None  # noqa: S101  # the demonstration stores it
-        time_s = episode[name].time.astype(np.float64) * 1e-9
-        activity.append(Curve(time_s, stored.astype(np.float64) * 100, color))
-    return (
-        _Row("gripper width", "mm", 116, (opening,)),
-        _Row("contact depth", "mm, true", 130, tuple(depth)),
-        _Row("activity", "% of pixels", 130, tuple(activity)),
+        stored = prepared[name].activity
+        assert stored is not None  # noqa: S101  # preparing measures it
+        times = _seconds(prepared[name].time)
+        activity.append(Curve(times, stored.astype(np.float64) * 100, color))
+    names = (
+        ("gripper width", "mm, and the truth", opening),
+        ("gripper height", "mm, and the truth", height),
+        ("contact depth", "mm, true", tuple(depth)),
+        ("activity", "% of pixels", tuple(activity)),
     )
+    return tuple(
+        _Row(name, unit, height_px, curves)
+        for (name, unit, curves), height_px in zip(names, _HEIGHTS, strict=True)
+    )
+
+
+def _seconds(time_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    return time_ns.astype(np.float64) * 1e-9
 
 
 def _window_dots(canvas: Canvas, chart: Chart, curve: Curve, window: SheetWindow) -> None:

@@ -49,12 +49,23 @@ from exumi_data.store.episode_writer import EpisodeWriter
 if TYPE_CHECKING:
     from exumi_data.simulation import Grasp, PlaySession, SimulatedStream, WidthEncoder
 
-__all__ = ["DATASET_NAME", "DemoSettings", "episode_id", "make_session", "write_play_dataset"]
+__all__ = [
+    "DATASET_NAME",
+    "DemoSettings",
+    "clear_earlier",
+    "dataset_metadata",
+    "make_session",
+    "write_play_dataset",
+]
 
 DATASET_NAME = "exumi-demo"
 LICENCE = "CC0-1.0"
 
 _TOOL = "exumi demo"
+_DESCRIPTION = (
+    "A simulated play session with known truth: a hand-held gripper with two tactile fingertips "
+    "picks up, turns, lets slide and puts down objects."
+)
 # Wider than the simulated gripper opens, and below what an uncertain zero makes of closed.
 _MAPPED_M = (-0.002, 0.1)
 # Ids of simulated episodes: UUIDv5 in this namespace.
@@ -146,8 +157,8 @@ def write_play_dataset(
         `root` holds something else, or a setting is out of its range.
     """
     grasps = range(len(_session(settings).grasps))
-    _clear_earlier(root)
-    create_dataset(root, _dataset_metadata(settings))
+    clear_earlier(root)
+    create_dataset(root, dataset_metadata(settings, direct=True))
     function = partial(_write_grasp, root=root, settings=settings)
     for done, outcome in enumerate(map_items(function, grasps, workers=workers), start=1):
         if outcome.error is not None:
@@ -161,43 +172,70 @@ def write_play_dataset(
     return open_dataset(root)
 
 
-def _dataset_metadata(settings: DemoSettings) -> DatasetMetadata:
+def dataset_metadata(settings: DemoSettings, *, direct: bool) -> DatasetMetadata:
+    """Return what the demonstration's dataset says about itself.
+
+    Parameters
+    ----------
+    settings : DemoSettings
+    direct : bool
+        The episodes are written straight from the simulation, without recording.
+    """
     return DatasetMetadata(
         name=DATASET_NAME,
-        description="A simulated play session with known truth: a hand-held gripper with two "
-        "tactile fingertips picks up, turns, lets slide and puts down objects.",
+        description=_DESCRIPTION,
         licence=LICENCE,
         made_by=MadeBy(
             tool=_TOOL,
             tool_version=__version__,
-            command=_command(settings),
-            settings=asdict(settings),
+            command=_command(settings, direct=direct),
+            settings={**asdict(settings), "direct": direct},
         ),
     )
 
 
-def _command(settings: DemoSettings) -> str | None:
+def _command(settings: DemoSettings, *, direct: bool) -> str | None:
     """Return the command that makes this dataset; None where only Python can."""
     if settings != DemoSettings(seed=settings.seed, seconds=settings.seconds):
         return None
-    return f"exumi demo --seed {settings.seed} --seconds {settings.seconds:g}"
+    option = " --direct" if direct else ""
+    return f"exumi demo{option} --seed {settings.seed} --seconds {settings.seconds:g}"
 
 
-def _clear_earlier(root: Path) -> None:
-    """Remove an earlier demonstration; refuse to touch anything else."""
+def clear_earlier(root: Path) -> bool:
+    """Remove an earlier demonstration, or a training set made of one; touch nothing else.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+        Of a dataset.
+
+    Returns
+    -------
+    bool
+        Whether there was one.
+
+    Raises
+    ------
+    UsageError
+        The folder holds something else.
+    """
     import shutil
 
     document = root / DATASET_DOCUMENT
     if not document.is_file():
-        return
-    made_by = parse_dataset(document.read_bytes(), document).made_by
-    if made_by is None or made_by.tool != _TOOL:
+        return False
+    metadata = parse_dataset(document.read_bytes(), document)
+    made_by = metadata.made_by
+    is_ours = made_by is not None and made_by.tool == _TOOL
+    if not is_ours and metadata.description != _DESCRIPTION:
         raise UsageError(
             "holds a dataset that the demonstration did not make",
             where=root,
             fix="Name another folder with --out.",
         )
     shutil.rmtree(root)
+    return True
 
 
 def episode_id(settings: DemoSettings, grasp: int) -> str:

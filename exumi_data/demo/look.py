@@ -16,6 +16,7 @@ __all__ = [
     "QUIET",
     "RIGHT",
     "TEXT",
+    "TRUE",
     "WIDTH",
     "WINDOW",
     "badge",
@@ -29,6 +30,7 @@ QUIET: Color = (139, 149, 162)
 LEFT: Color = (45, 212, 191)
 RIGHT: Color = (251, 146, 180)
 PLAIN: Color = (203, 213, 225)
+TRUE: Color = (220, 38, 38)
 WINDOW: Color = (167, 139, 250)
 CONVEX: Color = (255, 183, 77)
 CONCAVE: Color = (79, 156, 255)

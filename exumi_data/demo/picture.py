@@ -1,16 +1,30 @@
 """The demonstration's picture: which grasp is shown, and what is written on it."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from exumi_data.dataset import Dataset
 from exumi_data.demo.canvas import Canvas
-from exumi_data.demo.dataset import DemoSettings, episode_id, make_session
 from exumi_data.demo.sheet import SheetText, contact_sheet
-from exumi_data.demo.story import GraspTruth, Moment, SheetWindow, moments_of, truth_of
-from exumi_data.episode import Episode
+from exumi_data.demo.story import (
+    GraspTruth,
+    Moment,
+    SheetWindow,
+    Span,
+    moments_of,
+    span_of,
+    truth_of,
+)
+from exumi_data.episode import Episode, StreamView
+from exumi_data.errors import UsageError
+
+if TYPE_CHECKING:
+    from exumi_data.simulation import PlaySession
 
 __all__ = ["ShownGrasp", "draw_grasp", "shown_grasp"]
 
-_GRASP = 0
 _AFTER_TOUCH_NS = 300_000_000  # the window then begins before the touch and ends in the grasp
 
 
@@ -21,6 +35,8 @@ class ShownGrasp:
     Attributes
     ----------
     episode_id, object_name : str
+    span : Span
+        The part of the session that the episode holds.
     moments : list of Moment
         The columns of the picture.
     truth : GraspTruth
@@ -30,33 +46,53 @@ class ShownGrasp:
 
     episode_id: str
     object_name: str
+    span: Span
     moments: list[Moment]
     truth: GraspTruth
     window_ns: int
 
 
-def shown_grasp(settings: DemoSettings) -> ShownGrasp:
-    """Return the session's first grasp.
+def shown_grasp(session: "PlaySession", dataset: Dataset, epoch_ns: int) -> ShownGrasp:
+    """Return the session's first grasp that an episode holds from touch to release.
 
     Parameters
     ----------
-    settings : DemoSettings
-        As the dataset was made with.
+    session : PlaySession
+    dataset : Dataset
+    epoch_ns : int
+        The episodes' clock at the session's start.
+
+    Raises
+    ------
+    UsageError
+        There is none.
     """
-    session = make_session(settings.seed, settings.seconds)
-    moments = moments_of(session, _GRASP)
+    spans = {}
+    for name in dataset.ids:
+        with dataset[name] as episode:
+            spans[name] = span_of(episode, epoch_ns)
+    for number, grasp in enumerate(session.grasps):
+        for name, span in spans.items():
+            if span.start_s < grasp.t_contact_s and grasp.t_release_s < span.end_s:
+                return _shown(session, number, name, span)
+    raise UsageError("no grasp was recorded as a whole", where=dataset.path, fix="Try again.")
+
+
+def _shown(session: "PlaySession", number: int, name: str, span: Span) -> ShownGrasp:
+    moments = moments_of(session, number, span)
     touch = next(moment for moment in moments if moment.name == "touch")
     return ShownGrasp(
-        episode_id=episode_id(settings, _GRASP),
-        object_name=session.grasps[_GRASP].object_name,
+        episode_id=name,
+        object_name=session.grasps[number].object_name,
+        span=span,
         moments=moments,
-        truth=truth_of(session, _GRASP),
+        truth=truth_of(session, span),
         window_ns=touch.time_ns + _AFTER_TOUCH_NS,
     )
 
 
 def draw_grasp(
-    episode: Episode, settings: DemoSettings, shown: ShownGrasp, window: SheetWindow
+    episode: Episode, prepared: Episode, shown: ShownGrasp, window: SheetWindow, command: str
 ) -> Canvas:
     """Draw the picture.
 
@@ -64,9 +100,12 @@ def draw_grasp(
     ----------
     episode : Episode
         The episode of `shown`.
-    settings : DemoSettings
+    prepared : Episode
+        The same, prepared for training: its activity is drawn.
     shown : ShownGrasp
     window : SheetWindow
+    command : str
+        What made it.
 
     Returns
     -------
@@ -74,10 +113,19 @@ def draw_grasp(
     """
     text = SheetText(
         title="One grasp, felt by two fingertips",
-        subtitle=f"exUMI Data  ·  a simulated play session with known truth  ·  the object: "
+        subtitle=f"exUMI Data  ·  {_how(episode)}, with known truth  ·  the object: "
         f"{shown.object_name}",
-        foot="Camera and touch 30 Hz, pose 90 Hz, width 200 Hz: every stream at its own rate, "
-        "its latency known and taken out.  "
-        f"Made by: exumi demo --seed {settings.seed} --seconds {settings.seconds:g}",
+        foot=f"Camera and touch {_rate(episode['rgb'])} Hz, pose {_rate(episode['pose'])} Hz, "
+        f"width {_rate(episode['width'])} Hz: every stream at its own rate, its latency known and "
+        f"taken out.  Made by: {command}",
     )
-    return contact_sheet(episode, shown.moments, shown.truth, window, text)
+    return contact_sheet(episode, prepared, shown.moments, shown.truth, window, text)
+
+
+def _how(episode: Episode) -> str:
+    is_recorded = episode["width"].metadata.clock.source == "hub_monotonic"
+    return "recorded live from simulated devices" if is_recorded else "a simulated play session"
+
+
+def _rate(stream: StreamView) -> int:
+    return round(1e9 / float(np.median(np.diff(stream.time))))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from exumi_data.demo.canvas import Canvas, mix
-from exumi_data.demo.curves import Band, draw_curves
+from exumi_data.demo.curves import CURVES_HEIGHT, Band, draw_curves
 from exumi_data.demo.look import GAP, GROUND, LABELS, MARGIN, PLAIN, QUIET, TEXT, WIDTH, WINDOW
 from exumi_data.demo.story import GraspTruth, Moment, SheetWindow
 from exumi_data.demo.tiles import draw_moments
@@ -14,7 +14,6 @@ __all__ = ["SheetText", "contact_sheet"]
 
 _GRID_TOP = 236
 _ROWS = 4
-_CURVES = 420
 _PAD = 24
 
 
@@ -27,8 +26,9 @@ class SheetText:
     foot: str
 
 
-def contact_sheet(
+def contact_sheet(  # what the picture is put together from
     episode: Episode,
+    prepared: Episode,
     moments: Sequence[Moment],
     truth: GraspTruth,
     window: SheetWindow,
@@ -39,7 +39,9 @@ def contact_sheet(
     Parameters
     ----------
     episode : Episode
-        With streams ``rgb``, ``tactile_left``, ``tactile_right`` and ``width``.
+        With streams ``rgb``, ``tactile_left``, ``tactile_right``, ``width`` and ``pose``.
+    prepared : Episode
+        The same, prepared for training.
     moments : sequence of Moment
         The columns.
     truth : GraspTruth
@@ -55,13 +57,13 @@ def contact_sheet(
     across = (WIDTH - 2 * MARGIN - LABELS - (len(moments) - 1) * GAP) / len(moments)
     tile = (across, float(round(across * 0.75)))
     small = (WIDTH - 2 * MARGIN - 2 * _PAD - len(window.steps) * GAP) / (len(window.steps) + 1)
-    strip_top = _GRID_TOP + _ROWS * (tile[1] + GAP) + 84 + _CURVES + 108
+    strip_top = _GRID_TOP + _ROWS * (tile[1] + GAP) + 84 + CURVES_HEIGHT + 108
     height = round(strip_top + 74 + small * 0.75 + 52 + 90)
     canvas = Canvas(WIDTH, height, GROUND)
     canvas.text((MARGIN, 104), text.title, size=58, color=TEXT, weight=600)
     canvas.text((MARGIN, 152), text.subtitle, size=25, color=QUIET)
     bottom = draw_moments(canvas, episode, moments, top=_GRID_TOP, tile=tile)
-    band = draw_curves(canvas, episode, moments, truth, window, top=bottom + GAP + 84)
+    band = draw_curves(canvas, episode, prepared, moments, truth, window, top=bottom + GAP + 84)
     _draw_window(canvas, window, band, top=strip_top, small=small)
     canvas.text((MARGIN, height - 30), text.foot, size=21, color=mix(QUIET, GROUND, 0.25))
     return canvas

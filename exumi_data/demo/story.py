@@ -13,7 +13,16 @@ from exumi_data.time import nearest_indices
 if TYPE_CHECKING:
     from exumi_data.simulation import PlaySession
 
-__all__ = ["GraspTruth", "Moment", "SheetWindow", "moments_of", "truth_of", "window_of_episode"]
+__all__ = [
+    "GraspTruth",
+    "Moment",
+    "SheetWindow",
+    "Span",
+    "moments_of",
+    "span_of",
+    "truth_of",
+    "window_of_episode",
+]
 
 TICK_NS = 50_050_000
 """Three frames of 59.94 fps, the loaders' default."""
@@ -33,17 +42,23 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class GraspTruth:
-    """What really happened: how deep the object was pressed into the gels.
+    """What really happened.
 
     Attributes
     ----------
     time_ns : (M,) int64
         Nanoseconds since the episode's start.
+    width_m : (M,) float64
+        Distance between the gels' surfaces, metres.
+    height_m : (M,) float64
+        Of the gripper above the table, metres.
     depth_m : dict of str to (M,) float64
-        By tactile stream, metres.
+        How deep the object was pressed into the gels, by tactile stream, metres.
     """
 
     time_ns: npt.NDArray[np.int64]
+    width_m: Float64Array
+    height_m: Float64Array
     depth_m: dict[str, Float64Array]
 
 
@@ -70,13 +85,51 @@ class SheetWindow:
     loader: str
 
 
-def moments_of(session: "PlaySession", grasp: int) -> list[Moment]:
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Which part of a session an episode holds, seconds of the session.
+
+    Attributes
+    ----------
+    start_s : float
+        The episode's time 0.
+    end_s : float
+        Its last sample.
+    """
+
+    start_s: float
+    end_s: float
+
+    def time_ns(self, session_s: float) -> int:
+        """Return a time of the session as one of the episode, inside it, nanoseconds."""
+        return round((min(max(session_s, self.start_s), self.end_s) - self.start_s) * 1e9)
+
+
+def span_of(episode: Episode, epoch_ns: int) -> Span:
+    """Return which part of a session an episode holds.
+
+    Parameters
+    ----------
+    episode : Episode
+        All its streams have one clock.
+    epoch_ns : int
+        That clock's time at the session's start.
+    """
+    clock = episode["width"].metadata.clock
+    start_ns = clock.t_ref_ns - clock.offset_ns - epoch_ns
+    length_ns = max(int(stream.time[-1]) for stream in episode.streams.values())
+    return Span(start_ns * 1e-9, (start_ns + length_ns) * 1e-9)
+
+
+def moments_of(session: "PlaySession", grasp: int, span: Span) -> list[Moment]:
     """Choose five moments of a grasp from the truth.
 
     Parameters
     ----------
     session : PlaySession
     grasp : int
+    span : Span
+        Of the episode that holds the grasp.
 
     Returns
     -------
@@ -87,7 +140,7 @@ def moments_of(session: "PlaySession", grasp: int) -> list[Moment]:
     held_s = np.linspace(known.t_contact_s, known.t_release_s, 400)
     depth = session.truth.contact_depth_m("left", held_s)
     press_s = held_s[int(np.argmax(depth > 0.99 * depth.max()))]
-    touch_s = held_s[int(np.argmax(depth > 0.25 * depth.max()))]
+    touch_s = held_s[int(np.argmax(depth > 0.4 * depth.max()))]
     place = session.truth.contact_pose("left", held_s)
     start = place[int(np.searchsorted(held_s, press_s))]
     # A turn of 0.1 rad moves the pad's edge about as far as a shift of 1 mm.
@@ -101,27 +154,23 @@ def moments_of(session: "PlaySession", grasp: int) -> list[Moment]:
         "slide": held_s[int(np.argmax(moved))],
         "release": known.t_release_s + 0.12,
     }
-    return [
-        Moment(
-            name, round((min(max(time_s, known.t_start_s), known.t_end_s) - known.t_start_s) * 1e9)
-        )
-        for name, time_s in times_s.items()
-    ]
+    return [Moment(name, span.time_ns(time_s)) for name, time_s in times_s.items()]
 
 
-def truth_of(session: "PlaySession", grasp: int) -> GraspTruth:
-    """Return the true contact depths of a grasp, at 200 Hz.
+def truth_of(session: "PlaySession", span: Span) -> GraspTruth:
+    """Return what happened while an episode was recorded, at 200 Hz.
 
     Parameters
     ----------
     session : PlaySession
-    grasp : int
+    span : Span
     """
-    known = session.grasps[grasp]
-    time_s = np.arange(known.t_start_s, known.t_end_s, 0.005)
+    time_s = np.arange(span.start_s, span.end_s, 0.005)
     return GraspTruth(
-        np.round((time_s - known.t_start_s) * 1e9).astype(np.int64),
-        {
+        time_ns=np.round((time_s - span.start_s) * 1e9).astype(np.int64),
+        width_m=session.truth.width_m(time_s),
+        height_m=session.truth.pose(time_s)[:, 2],
+        depth_m={
             "tactile_left": session.truth.contact_depth_m("left", time_s),
             "tactile_right": session.truth.contact_depth_m("right", time_s),
         },

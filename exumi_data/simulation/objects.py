@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +73,7 @@ def object_by_name(name: str) -> SimulatedObject:
     raise ValueError(f"Invalid object name ({name!r}). Supported values are {names}.")
 
 
+@lru_cache(maxsize=32)  # a live camera looks its session up again and again
 def height_map(item: SimulatedObject, finger: Finger, m_per_px: float) -> NDArray[np.float32]:
     """Return the height map that `finger` feels, centred on the grasp point.
 
@@ -87,12 +89,15 @@ def height_map(item: SimulatedObject, finger: Finger, m_per_px: float) -> NDArra
     Returns
     -------
     ndarray of float32, shape (S, S), S odd
-        Heights in metres: 0 at the outermost point, clamped to ``NO_SURFACE_M`` below.
+        Heights in metres: 0 at the outermost point, clamped to ``NO_SURFACE_M`` below. Not
+        writeable: the same array for the same arguments.
     """
     half = round(MAP_SIDE_M / 2 / m_per_px)
     axis = np.arange(-half, half + 1) * m_per_px
     u, v = np.meshgrid(axis, axis)
-    return np.clip(item.surface(finger, u, v), NO_SURFACE_M, 0.0).astype(np.float32)
+    heights = np.clip(item.surface(finger, u, v), NO_SURFACE_M, 0.0).astype(np.float32)
+    heights.flags.writeable = False
+    return heights
 
 
 OBJECTS: tuple[SimulatedObject, ...] = (

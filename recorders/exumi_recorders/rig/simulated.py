@@ -7,6 +7,7 @@ everything that is recorded can be compared with the truth.
 
 import contextlib
 import json
+import select
 import shutil
 import socket
 import subprocess
@@ -29,6 +30,8 @@ from exumi_recorders.rig.loading import parse_rig
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.session.plan import Calibrated
 from exumi_recorders.simulated.camera_setup import CameraSetup, PlaySetup
+from exumi_recorders.simulated.play import SimulatedPlay
+from exumi_recorders.simulated.started import READY
 
 __all__ = ["NAME", "SimulatedRig", "SimulatedSettings", "simulated_rig"]
 
@@ -38,7 +41,8 @@ NAME = "simulated"
 _CAMERAS = ("tactile_left", "tactile_right", "rgb")
 _HEADSET_RATE = 90
 _HEADSET_LAG_S = 0.010
-_SETTLE_S = 2.0
+_LEAD_S = 1.0
+"""From when all devices are ready to the first motion: time to open them."""
 _REST_S = 30.0
 _START_S = 30.0
 # Wider than the simulated gripper opens, and below what an uncertain zero makes of closed.
@@ -108,28 +112,20 @@ def simulated_rig(settings: SimulatedSettings | None = None) -> Iterator[Simulat
         A device did not start.
     """
     settings = settings or SimulatedSettings()
-    size = (3 * settings.frame_width // 4, settings.frame_width)
-    session = simulate_play(
-        seed=settings.seed,
-        duration_s=settings.seconds,
-        tactile_size=size,
-        rgb_size=size,
-        taps=settings.taps,
-    )
     folder = Path(tempfile.mkdtemp(prefix="exumi-rig-"))
-    # Every device works out the session by itself before it can show it.
-    epoch_ns = time.monotonic_ns() + round((_SETTLE_S + 0.08 * settings.seconds) * 1e9)
     with _free_port() as port:
         number = port
-    cameras = {name: _camera(name, settings, folder, epoch_ns) for name in _CAMERAS}
-    programs = [
-        ("exumi_recorders.simulated.camera", setup.model_dump(mode="json"))
-        for setup in cameras.values()
-    ]
-    programs.append(("exumi_recorders.simulated.headset", _headset(settings, number, epoch_ns)))
+    cameras = {name: _camera(name, settings, folder) for name in _CAMERAS}
+    programs = [("camera", setup.model_dump(mode="json")) for setup in cameras.values()]
+    programs.append(("headset", _headset(settings, number)))
     running: list[subprocess.Popen[bytes]] = []
     try:
-        running += [_start(module, options) for module, options in programs]
+        running += [_start(name, options) for name, options in programs]
+        session = _session(settings)
+        SimulatedPlay(**_play(settings), epoch_ns=0).session()  # the encoder's, while they start
+        _wait_for_ready(running)
+        epoch_ns = time.monotonic_ns() + round(_LEAD_S * 1e9)
+        _begin(running, epoch_ns)
         _wait_for([Path(setup.socket) for setup in cameras.values()], running)
         yield SimulatedRig(
             rig=parse_rig(_document(settings, cameras, number, epoch_ns)),
@@ -139,10 +135,19 @@ def simulated_rig(settings: SimulatedSettings | None = None) -> Iterator[Simulat
         )
     finally:
         for process in running:
-            process.terminate()
+            process.kill()
         for process in running:
-            process.wait()
+            process.communicate()
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _session(settings: SimulatedSettings) -> PlaySession:
+    size = (3 * settings.frame_width // 4, settings.frame_width)
+    return simulate_play(**_play(settings), tactile_size=size, rgb_size=size)
+
+
+def _play(settings: SimulatedSettings) -> dict[str, Any]:
+    return {"seed": settings.seed, "duration_s": settings.seconds, "taps": settings.taps}
 
 
 @contextlib.contextmanager
@@ -152,13 +157,13 @@ def _free_port() -> Iterator[int]:
         yield int(found.getsockname()[1])
 
 
-def _camera(name: str, settings: SimulatedSettings, folder: Path, epoch_ns: int) -> CameraSetup:
+def _camera(name: str, settings: SimulatedSettings, folder: Path) -> CameraSetup:
     return CameraSetup.model_validate(
         {
             "socket": str(folder / f"{name}.sock"),
             "shows": name,
-            "play": PlaySetup(seed=settings.seed, duration_s=settings.seconds, taps=settings.taps),
-            "epoch_ns": epoch_ns,
+            "play": PlaySetup(**_play(settings)),
+            "epoch_ns": 0,  # said when all are ready
             "seed": settings.seed + _CAMERAS.index(name),
             "width": settings.frame_width,
             "height": 3 * settings.frame_width // 4,
@@ -170,47 +175,65 @@ def _camera(name: str, settings: SimulatedSettings, folder: Path, epoch_ns: int)
     )
 
 
-def _headset(settings: SimulatedSettings, port: int, epoch_ns: int) -> dict[str, Any]:
+def _headset(settings: SimulatedSettings, port: int) -> dict[str, Any]:
     return {
         "port": port,
         "dialect": "d",
         "rate_hz": _HEADSET_RATE,
         "duration_s": settings.seconds + _REST_S,
-        "epoch_ns": epoch_ns,
-        "session": {
-            "seed": settings.seed,
-            "duration_s": settings.seconds,
-            "taps": settings.taps,
-        },
+        "session": _play(settings),
         "seed": settings.seed,
         "lag_s": _HEADSET_LAG_S,
         "toggles_s": list(settings.toggles_s),
     }
 
 
-def _start(module: str, options: dict[str, Any]) -> "subprocess.Popen[bytes]":
+def _start(name: str, options: dict[str, Any]) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(  # noqa: S603  # our own program
-        [sys.executable, "-m", module, json.dumps(options)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
+        [sys.executable, "-m", "exumi_recorders.simulated.started", name, json.dumps(options)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         start_new_session=True,  # Ctrl-C is for the recorder
     )
+
+
+def _wait_for_ready(running: Sequence["subprocess.Popen[bytes]"]) -> None:
+    end = time.monotonic() + _START_S
+    for process in running:
+        output = process.stdout
+        assert output is not None  # noqa: S101  # a pipe
+        readable, _, _ = select.select([output], [], [], max(0.0, end - time.monotonic()))
+        if not readable or output.readline() != READY:
+            raise _not_started()
+
+
+def _begin(running: Sequence["subprocess.Popen[bytes]"], epoch_ns: int) -> None:
+    for process in running:
+        assert process.stdin is not None  # noqa: S101  # a pipe
+        try:
+            process.stdin.write(b"%d\n" % epoch_ns)
+            process.stdin.flush()
+        except BrokenPipeError:
+            raise _not_started() from None
 
 
 def _wait_for(sockets: Sequence[Path], running: Sequence["subprocess.Popen[bytes]"]) -> None:
     end = time.monotonic() + _START_S
     while not all(path.exists() for path in sockets):
         if any(process.poll() is not None for process in running) or time.monotonic() > end:
-            raise ExumiError("a simulated device did not start", where=NAME)
-        time.sleep(0.02)
+            raise _not_started()
+        time.sleep(0.01)
+
+
+def _not_started() -> ExumiError:
+    return ExumiError("a simulated device did not start", where=NAME)
 
 
 def _document(
     settings: SimulatedSettings, cameras: dict[str, CameraSetup], port: int, epoch_ns: int
 ) -> dict[str, Any]:
     size = {"width": settings.frame_width, "height": 3 * settings.frame_width // 4, "rate": "30"}
-    play = {"seed": settings.seed, "duration_s": settings.seconds, "taps": settings.taps}
     devices: dict[str, Any] = {
         "headset": {
             "driver": "quest",
@@ -221,7 +244,7 @@ def _document(
         },
         "encoder": {
             "driver": "as5600",
-            "simulated": {**play, "epoch_ns": epoch_ns},
+            "simulated": {**_play(settings), "epoch_ns": epoch_ns},
             "streams": {"width": "width"},
         },
     }

@@ -47,11 +47,14 @@ class Operator:
         JSON lines on stdout, commands as lines on stdin.
     quiet : bool
         Say nothing but warnings.
+    keys : bool
+        Take keys; a session that runs by itself has no use for them.
     """
 
-    def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
+    def __init__(self, *, as_json: bool = False, quiet: bool = False, keys: bool = True) -> None:
         self._as_json = as_json
         self._quiet = quiet
+        self._keys = keys
         self._console: Console | None = None
         self._live: Live | None = None
         self._stack = ExitStack()
@@ -94,7 +97,7 @@ class Operator:
 
         if self._as_json:
             self._stack.enter_context(read_lines(want))
-        elif self._stack.enter_context(read_keys(want)):
+        elif not self._keys or self._stack.enter_context(read_keys(want)):
             self._show_live()
 
     def _show_live(self) -> None:
@@ -138,7 +141,9 @@ class Operator:
                 self._print(status_document(status, sync_age_s=self._sync_age_s))
         elif self._live is not None:
             sync = age_text(self._sync_age_s)
-            self._live.update(draw_status(status, sync=sync, preview=self._preview))
+            self._live.update(
+                draw_status(status, sync=sync, preview=self._preview, keys=self._keys)
+            )
 
     def end(self, document: dict[str, Any], text: str) -> None:
         """Say how it ended.

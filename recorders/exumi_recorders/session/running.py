@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from exumi_recorders.session.preview import Preview
 from exumi_recorders.session.readiness import check_calibration
 from exumi_recorders.session.session import Message, Session
 
-__all__ = ["make_recorder", "open_rig", "open_session"]
+__all__ = ["make_recorder", "open_rig", "open_session", "session_with"]
 
 _MOST_SIMULATED_S = 300.0
 _LEAST_SIMULATED_S = 120.0
@@ -98,9 +99,46 @@ def open_session(
     """
     settings = SimulatedSettings(seed=seed, seconds=_simulated_seconds(plan))
     if name == NAME:
+        plan = replace(plan, is_simulated=True)
         operator.tell(Message("info", "simulated", "starting the simulated devices ..."))
+    with (
+        open_rig(name, settings) as (rig, calibrated),
+        session_with(rig, calibrated, out, plan, operator, preview=preview) as session,
+    ):
+        yield session
+
+
+@contextlib.contextmanager
+def session_with(
+    rig: Rig,
+    calibrated: Calibrated,
+    out: Path | None,
+    plan: Plan,
+    operator: Operator,
+    *,
+    preview: tuple[str, int] | None = None,
+) -> Iterator[Session]:
+    """Open a session with a rig that is known already; all is closed after the block.
+
+    Parameters
+    ----------
+    rig : Rig
+    calibrated : Calibrated
+    out : pathlib.Path, optional
+        The dataset; default that of the rig file.
+    plan : Plan
+    operator : Operator
+    preview : (str, int), optional
+        Where to show the cameras.
+
+    Raises
+    ------
+    UsageError
+        The dataset cannot be used, or the rig is not calibrated.
+    DeviceError
+        A device cannot be opened.
+    """
     with contextlib.ExitStack() as stack:
-        rig, calibrated = stack.enter_context(open_rig(name, settings))
         doubts = check_calibration(rig, calibrated, uncalibrated=plan.uncalibrated)
         dataset = _dataset_of(rig, out, plan)
         trials = TrialCounter(_earlier(dataset))

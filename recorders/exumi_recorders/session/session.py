@@ -221,7 +221,7 @@ class Session:
         Raises
         ------
         KeyboardInterrupt
-            While the last episodes were finished; they are kept as journals.
+            What is not finished is kept as journals.
         """
         self._hooks.run("ready")
         shown = 0.0
@@ -234,6 +234,9 @@ class Session:
                     shown = now
                     self._watch(self._recorder.status())
                 time.sleep(_PERIOD_S)
+        except KeyboardInterrupt:
+            self._finisher.give_up()
+            raise
         finally:
             self._end()
         return self._report

@@ -15,7 +15,9 @@ _SHOWN = ("magnet", "agc", "dialect", "from_headset_m", "world_frame")
 _OLD_S = 0.5
 
 
-def draw_status(status: SessionStatus, *, sync: str, preview: str | None) -> "Group":
+def draw_status(
+    status: SessionStatus, *, sync: str, preview: str | None, keys: bool = True
+) -> "Group":
     """Return the picture of a session for a terminal.
 
     Parameters
@@ -25,6 +27,8 @@ def draw_status(status: SessionStatus, *, sync: str, preview: str | None) -> "Gr
         How old the latency calibration is, in words.
     preview : str, optional
         Where the preview is.
+    keys : bool
+        Say what the keys do.
     """
     from rich.console import Group
     from rich.table import Table
@@ -46,7 +50,7 @@ def draw_status(status: SessionStatus, *, sync: str, preview: str | None) -> "Gr
     foot = f"disk {_minutes(status.disk_minutes)} · sync {sync}"
     if preview:
         foot += f" · {preview}"
-    lines.append(Text(f"{foot}\n{HELP}", style="dim"))
+    lines.append(Text(f"{foot}\n{HELP}" if keys else foot, style="dim"))
     return Group(*lines)
 
 

@@ -89,15 +89,17 @@ def _stream(
         fate = setup.fate(k)
         stamp_ns = setup.stamp_ns(k)
         due_ns = stamp_ns + setup.hand_out_delay_ns
-        # Made before it is due: the time that takes is not the device's latency.
-        file = content(k) if fate != "dropped" else b""
+        # Made before it is due: the time that takes is not the device's latency. One that would
+        # come too late anyway is not made: the next ones are the sooner done.
+        is_late = time.monotonic_ns() - due_ns >= patience_ns
+        file = content(k) if fate != "dropped" and not is_late else b""
         wait_ns = due_ns - time.monotonic_ns()
         if wait_ns > 0:
             stop.wait(wait_ns / NS_PER_S)
         if setup.absence_end_s(time.monotonic_ns()) is not None:
             return
         # Of a reader that does not keep up, and of making them that does not, frames are lost.
-        if fate != "dropped" and time.monotonic_ns() - due_ns < patience_ns:
+        if file and time.monotonic_ns() - due_ns < patience_ns:
             file = file[: len(file) * 2 // 3] if fate == "cut" else file
             sequence = (k - first) % _SEQUENCES
             header = pack_header(stamp_ns, sequence, len(file), damaged=fate == "damaged")

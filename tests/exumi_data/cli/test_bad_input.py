@@ -164,7 +164,7 @@ def test_a_demonstration_never_overwrites_other_data(
     out = tmp_path / "out"
     out.mkdir()
     dataset.rename(out / "dataset")
-    said = refused_after_title(exumi("demo", "--out", out, "--seconds", "3"))
+    said = refused_after_title(exumi("demo", "--direct", "--out", out, "--seconds", "3"))
     assert "--out" in said
     assert len(list((out / "dataset").glob("episodes/*/*.zarr"))) == 2
 

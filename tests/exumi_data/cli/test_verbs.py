@@ -284,7 +284,7 @@ def test_prepare_makes_a_training_set(dataset: Path, tmp_path: Path) -> None:
 
 def test_prepare_combines_two_fingers_and_rectifies_cameras(tmp_path: Path) -> None:
     played, target = tmp_path / "demo", tmp_path / "training"
-    assert run("demo", "--out", played, "--seconds", "6").exit_code == 0
+    assert run("demo", "--direct", "--out", played, "--seconds", "6").exit_code == 0
     looks = ("--tactile", "combined", "--rgb", "rectify", "--fov", "50", "--pair-within", "0.02")
     done = run("prepare", played / "dataset", target, "--size", "48", "--workers", "1", *looks)
     assert done.exit_code == 0, done.output
