@@ -15,6 +15,7 @@ from exumi_data.cli import (
     prepare,
     record,
     recover,
+    rig_group,
     stats,
     validate,
 )
@@ -52,6 +53,7 @@ app.command("convert", epilog=convert.EPILOG)(convert.run)
 app.command("prepare", epilog=prepare.EPILOG)(prepare.run)
 app.add_typer(index_group.app, name="index")
 app.command("pack", epilog=pack.EPILOG)(pack.run)
+app.add_typer(rig_group.app, name="rig")
 app.command("record", epilog=record.EPILOG)(record.run)
 app.command("recover", epilog=recover.EPILOG)(recover.run)
 app.command("validate", epilog=validate.EPILOG)(validate.run)

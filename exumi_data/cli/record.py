@@ -98,6 +98,13 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
             "only with a HOST such as 0.0.0.0.",
         ),
     ] = None,
+    uncalibrated: Annotated[
+        bool,
+        typer.Option(
+            "--uncalibrated",
+            help="Record although the calibration lacks what widths need: to calibrate by it.",
+        ),
+    ] = False,
     status_json: Annotated[
         bool,
         typer.Option(
@@ -134,6 +141,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         operator=operator,
         site=site,
         licence=licence,
+        uncalibrated=uncalibrated,
     )
     address = None if preview is None else parse_address(preview)
     operator_view: Operator = Operator(as_json=status_json)

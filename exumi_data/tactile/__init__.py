@@ -16,6 +16,7 @@ from exumi_data.tactile.activity import (
     ActivityMeter,
 )
 from exumi_data.tactile.combined import Combiner, combined_scale
+from exumi_data.tactile.fingers import pattern_difference, resembled_finger
 from exumi_data.tactile.images import REPRESENTATION_GAIN, representation, to_grey
 from exumi_data.tactile.rectification import PixelMap, Rectifier, read_ninedtact
 from exumi_data.tactile.reference import (
@@ -44,9 +45,11 @@ __all__ = [
     "choose_reference",
     "combined_scale",
     "difference_energy",
+    "pattern_difference",
     "read_ninedtact",
     "reference_image",
     "representation",
+    "resembled_finger",
     "salient_frames",
     "thumbnail",
     "to_grey",

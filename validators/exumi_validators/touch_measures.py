@@ -14,7 +14,6 @@ __all__ = [
     "difference",
     "median_image",
     "nearest_to",
-    "pattern_difference",
     "shift_between",
     "texture",
 ]
@@ -141,12 +140,6 @@ def coarse(image: UInt8Array, columns: int, rows: int) -> bytes:
 def texture(image: UInt8Array) -> float:
     """Return the standard deviation of an image's pattern, grey levels."""
     return float(_pattern(image).std())
-
-
-def pattern_difference(image: UInt8Array, reference: UInt8Array) -> float:
-    """Return the mean absolute difference of two images, whatever their mean level."""
-    levels = image.astype(np.float32) - reference
-    return float(np.abs(levels - np.median(levels)).mean())
 
 
 def shift_between(reference: UInt8Array, image: UInt8Array) -> Shift:

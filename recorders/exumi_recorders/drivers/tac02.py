@@ -20,10 +20,10 @@ from exumi_recorders.drivers.tac02_frames import (
     decode,
 )
 
-__all__ = ["DRIVER", "Tac02", "Tac02Options"]
+__all__ = ["DRIVER", "PRODUCTS", "VENDOR", "Tac02", "Tac02Options"]
 
-_VENDOR = 0x2FE3
-_PRODUCTS = {"left": 0x0100, "right": 0x0102}
+VENDOR = 0x2FE3
+PRODUCTS = {"left": 0x0100, "right": 0x0102}
 _ENDPOINT = 0x81
 # Frames come 1 ms apart at the fastest and are sent without a pause.
 _PAUSE_S = 0.0005
@@ -186,8 +186,8 @@ class Tac02:
             from exumi_recorders.drivers.usb_endpoint import UsbEndpoint, find_devices
         except ModuleNotFoundError:  # fcntl
             raise DeviceError("a TAC-02 is recorded on Linux only") from None
-        product = _PRODUCTS[self._options.side]
-        devices = find_devices(_VENDOR, product)
+        product = PRODUCTS[self._options.side]
+        devices = find_devices(VENDOR, product)
         serial = self._options.serial
         if serial is not None:
             devices = [device for device in devices if device.serial == serial]
@@ -205,7 +205,7 @@ class Tac02:
         return UsbEndpoint(devices[0], _ENDPOINT)
 
     def _where(self) -> str:
-        return self._options.port or f"USB {_VENDOR:04x}:{_PRODUCTS[self._options.side]:04x}"
+        return self._options.port or f"USB {VENDOR:04x}:{PRODUCTS[self._options.side]:04x}"
 
 
 def _make(options: Any) -> Tac02:

@@ -54,7 +54,7 @@ class Controls(_Section):
 
 
 class Limits(_Section):
-    """``[limits]``: of the disk and of an episode."""
+    """``[limits]``: of the disk, of an episode, and of rates."""
 
     reserve_mb: Annotated[int, Field(ge=1)] = 64
     """A file of this size is kept to close episodes with when the disk is full, MB."""
@@ -62,6 +62,8 @@ class Limits(_Section):
     """No new episode starts with disk for less than this, minutes."""
     longest_minutes: Annotated[float, Field(gt=0)] = 60.0
     """An episode ends by itself after this, minutes."""
+    least_rate: Annotated[float, Field(gt=0, le=1)] = 0.8
+    """Of a stream's nominal rate: below this share, ``exumi rig check`` fails."""
     queue_mb: Annotated[int, Field(ge=1)] = 64
     """What may wait for the disk, all streams together, MB."""
 

@@ -25,6 +25,7 @@ from exumi_data.errors import ExumiError
 from exumi_data.model.calibration import INTRINSICS, RIG_REFERENCE
 from exumi_data.model.description import CalibrationItem
 from exumi_data.simulation import PlaySession, simulate_play
+from exumi_recorders.calibration.items import now
 from exumi_recorders.rig.loading import parse_rig
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.session.plan import Calibrated
@@ -256,6 +257,7 @@ def _document(
         devices[name] = {
             "driver": "uvc",
             "device": f"unix:{setup.socket}",
+            "start_timeout_s": _START_S,  # the machine that records draws the pictures as well
             **size,
             **(finger if name != "rgb" else {"sensor": "simulated-wrist-camera"}),
             "streams": {"images": name},
@@ -295,6 +297,7 @@ def _calibrated(session: PlaySession, cameras: dict[str, CameraSetup]) -> Calibr
         items[f"latency/{name}"] = CalibrationItem(
             value=latency_ns, unit="ns", uncertainty=1e6, method=_KNOWN
         )
+    items = {name: item.model_copy(update={"time": now()}) for name, item in items.items()}
     arrays: dict[str, np.ndarray] = {}
     for name in ("tactile_left", "tactile_right"):
         reference = session.streams[name].reference

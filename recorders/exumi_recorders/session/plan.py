@@ -68,6 +68,8 @@ class Plan:
         In place of the rig file's.
     is_simulated : bool
         Nothing is measured, and the episodes say so.
+    uncalibrated : bool
+        Record although the encoder has no map to widths, such as to calibrate by it.
     """
 
     task: str
@@ -82,6 +84,7 @@ class Plan:
     site: str | None = None
     licence: str | None = None
     is_simulated: bool = False
+    uncalibrated: bool = False
 
 
 def new_episode_id() -> str:

@@ -11,10 +11,10 @@ from exumi_data.dataset import create_dataset, open_dataset
 from exumi_data.errors import UsageError
 from exumi_data.model import Annotations, DatasetMetadata, MadeBy
 from exumi_recorders.journal.space import SpaceLimits
-from exumi_recorders.recording.device import RecordedDevice
 from exumi_recorders.recording.lanes import Limits
 from exumi_recorders.recording.recorder import LATENCY, Recorder
 from exumi_recorders.rig.calibrations import read_calibrations
+from exumi_recorders.rig.devices import recorded_devices
 from exumi_recorders.rig.loading import load_rig
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.rig.simulated import NAME, SimulatedSettings, simulated_rig
@@ -22,6 +22,7 @@ from exumi_recorders.session.labels import TrialCounter
 from exumi_recorders.session.operator import Operator
 from exumi_recorders.session.plan import Calibrated, Plan
 from exumi_recorders.session.preview import Preview
+from exumi_recorders.session.readiness import check_calibration
 from exumi_recorders.session.session import Message, Session
 
 __all__ = ["make_recorder", "open_rig", "open_session", "session_with"]
@@ -58,10 +59,7 @@ def make_recorder(rig: Rig) -> Recorder:
     rig : Rig
     """
     return Recorder(
-        [
-            RecordedDevice(device.name, device.driver.make(device.options), device.streams)
-            for device in rig.devices
-        ],
+        recorded_devices(rig),
         limits=Limits(bytes=rig.limits.queue_mb << 20),
         space=SpaceLimits(reserve_bytes=rig.limits.reserve_mb << 20),
     )
@@ -95,7 +93,7 @@ def open_session(
     Raises
     ------
     UsageError
-        The rig file or the dataset cannot be used.
+        The rig file or the dataset cannot be used, or the rig is not calibrated.
     DeviceError
         A device cannot be opened.
     """
@@ -136,11 +134,12 @@ def session_with(
     Raises
     ------
     UsageError
-        The dataset cannot be used.
+        The dataset cannot be used, or the rig is not calibrated.
     DeviceError
         A device cannot be opened.
     """
     with contextlib.ExitStack() as stack:
+        doubts = check_calibration(rig, calibrated, uncalibrated=plan.uncalibrated)
         dataset = _dataset_of(rig, out, plan)
         trials = TrialCounter(_earlier(dataset))
         warning = trials.warning(plan.labels)
@@ -171,6 +170,8 @@ def session_with(
                 operator.tell(Message("warning", "public_preview", text))
         if warning:
             operator.tell(Message("warning", "pads_mix", warning))
+        if doubts:
+            operator.tell(Message("warning", "not_calibrated", doubts))
         yield session
 
 

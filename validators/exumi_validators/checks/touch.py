@@ -1,7 +1,5 @@
 """Touch: activity, references, saturated, dark, shifted, swapped and damaged images."""
 
-import itertools
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,7 +8,7 @@ import numpy as np
 from exumi_data.model.calibration import RIG_REFERENCE
 from exumi_data.model.description import CalibrationItem
 from exumi_data.model.streams import TactileStream
-from exumi_data.tactile import thumbnail, to_grey
+from exumi_data.tactile import pattern_difference, resembled_finger, thumbnail, to_grey
 from exumi_data.time import NS_PER_S
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import problem
@@ -21,7 +19,6 @@ from exumi_validators.touch_measures import (
     coarse,
     difference,
     median_image,
-    pattern_difference,
     shift_between,
     texture,
 )
@@ -345,15 +342,14 @@ def _swap_findings(
     episode: EpisodeContext, name: str, image: UInt8Array, references: dict[str, UInt8Array]
 ) -> Iterator[Finding]:
     path = f"streams/{name}/data"
-    apart = [pattern_difference(a, b) for a, b in itertools.combinations(references.values(), 2)]
-    if min(apart) < episode.limit("TACT-010", "references_grey_levels"):
+    found = resembled_finger(
+        name,
+        image,
+        references,
+        difference_ratio=episode.limit("TACT-010", "difference_ratio"),
+        references_grey_levels=episode.limit("TACT-010", "references_grey_levels"),
+    )
+    if found is None:
         yield Skipped("TACT-010", "the rig's references look alike", path)
-        return
-    levels = {other: pattern_difference(image, r) for other, r in references.items()}
-    nearest = min(levels, key=lambda other: (levels[other], other))
-    if (
-        nearest != name
-        and not math.isclose(levels[name], 0.0)
-        and (levels[nearest] < episode.limit("TACT-010", "difference_ratio") * levels[name])
-    ):
-        yield problem("TACT-010", path, expected=name, found=nearest)
+    elif found != name:
+        yield problem("TACT-010", path, expected=name, found=found)
