@@ -46,6 +46,8 @@ _OPEN_S = 30.0
 _GRACE_S = 0.1
 _SILENT_S = 0.5
 _SILENT_PERIODS = 5.0
+_FIRST_S = 3.0
+"""So long a device may take to its first sample: cameras do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +126,7 @@ class Recorder:
         self._pressure = Pressure(self._limits)
         self._sticky: dict[tuple[str, str], Event] = {}
         self._episode: _Episode | None = None
+        self._reserve: Reserve | None = None
         self._truncated: str | None = None
         self._events_lock = threading.Lock()
         self._opened_ns = 0
@@ -161,6 +164,8 @@ class Recorder:
             self.stop()
         for thread in self._threads:
             thread.stop()
+        if self._reserve is not None:
+            self._reserve.leave()
 
     def __enter__(self) -> "Recorder":
         self.open()
@@ -221,7 +226,7 @@ class Recorder:
         if self._episode is not None:
             raise UsageError("an episode is being recorded")
         check_room(dataset, self._space)
-        reserve = Reserve(dataset, self._space.reserve_bytes)
+        reserve = self._reserve_of(dataset)
         reserve.hold()
         monotonic, utc, _ = read_clock_pair()
         metadata = metadata.model_copy(deep=True)
@@ -263,6 +268,16 @@ class Recorder:
             self._episode = _Episode(metadata.id, monotonic, journal, writer, lanes, health)
         writer.start()
         return journal.path
+
+    def _reserve_of(self, dataset: Path) -> Reserve:
+        """Return what is kept back on the dataset's disk, from one episode to the next."""
+        reserve = self._reserve
+        wanted = Reserve(dataset, self._space.reserve_bytes)
+        if reserve is None or reserve.path != wanted.path:
+            if reserve is not None:
+                reserve.leave()
+            reserve = self._reserve = wanted
+        return reserve
 
     def _lane(self, header: JournalHeader, stream: RecordedStream) -> Lane:
         return Lane(
@@ -496,7 +511,7 @@ def _stream_problems(
             Problem(stream.name, "frozen", "The pose does not change: tracking may be lost.")
         )
     arrived = max(stream.meter.last_arrival_ns or 0, opened_ns)
-    allowed = _SILENT_S
+    allowed = _SILENT_S if stream.meter.last_arrival_ns is not None else _FIRST_S
     if stream.rate_hz is not None:
         allowed = max(allowed, _SILENT_PERIODS / stream.rate_hz)
     if thread.connected and opened_ns and (now_ns - arrived) / 1e9 > allowed:

@@ -13,8 +13,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from exumi_recorders.rig.loading import parse_rig
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.session.plan import Calibrated
 from exumi_recorders.simulated.camera_setup import CameraSetup, PlaySetup
+from exumi_recorders.simulated.headset_options import HeadsetFaults
 
 __all__ = ["NAME", "SimulatedRig", "SimulatedSettings", "simulated_rig"]
 
@@ -37,6 +38,7 @@ NAME = "simulated"
 _CAMERAS = ("tactile_left", "tactile_right", "rgb")
 _HEADSET_RATE = 90
 _HEADSET_LAG_S = 0.010
+_LEASH = "exumi_recorders.simulated.leash"
 _SETTLE_S = 2.0
 _REST_S = 30.0
 _START_S = 30.0
@@ -60,6 +62,10 @@ class SimulatedSettings:
         How often the fingers close on an object and open again before they pick it up.
     toggles_s : tuple of float
         When the operator presses the controller's button, seconds after the first motion.
+    absent_s : mapping of str to (float, float)
+        Cameras that are unplugged meanwhile: from, to, as above.
+    headset_faults : HeadsetFaults, optional
+        What goes wrong with the headset.
     """
 
     seed: int = 7
@@ -67,6 +73,8 @@ class SimulatedSettings:
     frame_width: int = 320
     taps: int = 0
     toggles_s: tuple[float, ...] = ()
+    absent_s: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    headset_faults: HeadsetFaults = field(default_factory=HeadsetFaults)
 
 
 @dataclass(frozen=True)
@@ -140,7 +148,7 @@ def simulated_rig(settings: SimulatedSettings | None = None) -> Iterator[Simulat
         for process in running:
             process.terminate()
         for process in running:
-            process.wait()
+            process.communicate()
         shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -162,6 +170,7 @@ def _camera(name: str, settings: SimulatedSettings, folder: Path, epoch_ns: int)
             "width": settings.frame_width,
             "height": 3 * settings.frame_width // 4,
             "live": True,
+            "absent_s": [settings.absent_s[name]] if name in settings.absent_s else [],
             # One moment a picture: as cheap as can be, on the machine that records as well.
             "bands": 1,
             "exposures": 1,
@@ -184,13 +193,14 @@ def _headset(settings: SimulatedSettings, port: int, epoch_ns: int) -> dict[str,
         "seed": settings.seed,
         "lag_s": _HEADSET_LAG_S,
         "toggles_s": list(settings.toggles_s),
+        "faults": settings.headset_faults.model_dump(mode="json"),
     }
 
 
 def _start(module: str, options: dict[str, Any]) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(  # noqa: S603  # our own program
-        [sys.executable, "-m", module, json.dumps(options)],
-        stdin=subprocess.DEVNULL,
+        [sys.executable, "-m", _LEASH, module, json.dumps(options)],
+        stdin=subprocess.PIPE,  # never written to: it ends when this program does
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,  # Ctrl-C is for the recorder

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from exumi_recorders.recording.status import DeviceStatus, StreamStatus
 from exumi_recorders.session.keys import HELP
-from exumi_recorders.session.session import SessionStatus
+from exumi_recorders.session.messages import SessionStatus
 
 if TYPE_CHECKING:
     from rich.console import Group
