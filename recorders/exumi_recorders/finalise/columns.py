@@ -35,7 +35,7 @@ class Columns:
         self._with_device_time: bool | None = None
         self._with_sequence: bool | None = None
         self._last_host: int | None = None
-        self._left_out = self._damaged = 0
+        self._left_out = self._damaged = self._last_sequence = 0
         rate = None if port.nominal_rate is None else parse_rate(port.nominal_rate)
         self._period_ns = None if rate is None else float(1_000_000_000 / rate)
         self._has_unit = port.time_device_unit is not None
@@ -68,7 +68,7 @@ class Columns:
             has_device = bool((block.time_device[kept] != NONE).all())
             self._with_device_time = has_device and self._has_unit
         if self._with_sequence:
-            columns["sequence"] = self._sequence(numbered.sequence, len(host))
+            columns["sequence"] = self._sequence(numbered.sequence, flags)
         else:
             self._gaps_in_time(host, flags, first)
         if self._with_device_time:
@@ -100,10 +100,16 @@ class Columns:
         if self._left_out:
             self._losses.left_out_at_the_end(self._left_out)
 
-    def _sequence(self, found: npt.NDArray[np.uint64] | None, count: int) -> npt.NDArray[np.uint64]:
-        # A driver whose first samples have numbers, and later ones have not, is wrong; its samples
-        # are not.
-        return np.zeros(count, np.uint64) if found is None else found
+    def _sequence(
+        self, found: npt.NDArray[np.uint64] | None, flags: npt.NDArray[np.uint32]
+    ) -> npt.NDArray[np.uint64]:
+        if found is None:
+            # A driver whose later samples have no numbers is wrong; the samples are not.
+            flags |= FLAG["out_of_order"]
+            return np.full(len(flags), self._last_sequence, np.uint64)
+        if len(found):
+            self._last_sequence = int(found[-1])
+        return found
 
     def _gaps_in_time(
         self, host: npt.NDArray[np.int64], flags: npt.NDArray[np.uint32], first: int

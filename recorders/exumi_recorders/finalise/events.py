@@ -1,6 +1,7 @@
 """What the events of a journal say about its streams."""
 
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,6 +29,12 @@ REFERENCE = "reference"
 SUCCESS = "success"
 """Whether the task was done, as the operator says: ``value``; the last one holds."""
 _MOST_KEPT = 500
+# What the episode's document may hold of events, as its commas and brackets are counted.
+_MOST_PARTS = 20_000
+_MOST_PARTS_OF_ONE = 200
+_DEEPEST = 16
+_MOST_BYTES_OF_ONE = 16_384
+_CAUSE = re.compile(r"[A-Za-z0-9_.:-]{1,64}")
 
 
 @dataclass(slots=True)
@@ -52,6 +59,8 @@ class EventSummary:
         Host time, device, name and detail of the others, the first ones.
     unkept : int
         How many others there were beyond that.
+    parts : int
+        Commas and brackets of all of them.
     """
 
     world_frames: dict[str, list[tuple[int, tuple[float, ...]]]] = field(default_factory=dict)
@@ -62,6 +71,7 @@ class EventSummary:
     success: bool | None = None
     kept: list[tuple[int, str, str, dict[str, Any]]] = field(default_factory=list)
     unkept: int = 0
+    parts: int = 0
 
     def lost_of(self, stream: str) -> dict[str, int]:
         """Return what the recorder counted as lost of a stream, by cause.
@@ -71,11 +81,12 @@ class EventSummary:
         stream : str
         """
         stated = _dict(_dict(self.counters.get("lost")).get(stream))
-        return {
-            str(cause): number
-            for cause, number in stated.items()
-            if isinstance(number, int) and number > 0
-        }
+        found: dict[str, int] = {}
+        for cause, number in stated.items():
+            if isinstance(number, int) and not isinstance(number, bool) and number > 0:
+                name = cause if _CAUSE.fullmatch(cause) else "other"
+                found[name] = found.get(name, 0) + number
+        return found
 
     def stamp_sigma_of(self, device: str) -> float | None:
         """Return how well the samples of a device are stamped, ns.
@@ -105,11 +116,11 @@ def read_events(blocks: Iterable[Block]) -> EventSummary:
             except (ValueError, RecursionError):
                 continue
             if isinstance(document, dict):
-                _take(summary, time_ns, document)
+                _take(summary, time_ns, document, payload)
     return summary
 
 
-def _take(summary: EventSummary, time_ns: int, document: dict[str, Any]) -> None:
+def _take(summary: EventSummary, time_ns: int, document: dict[str, Any], payload: bytes) -> None:
     name, device = str(document.get("name", "")), str(document.get("device", ""))
     detail = _dict(document.get("detail"))
     if name == COUNTERS:
@@ -132,10 +143,28 @@ def _take(summary: EventSummary, time_ns: int, document: dict[str, Any]) -> None
             summary.references[str(detail.get("stream", ""))] = times[0], times[1]
     elif name == SUCCESS and isinstance(detail.get("value"), bool):
         summary.success = detail["value"]
-    if len(summary.kept) < _MOST_KEPT:
-        summary.kept.append((time_ns, device, name, detail))
-    else:
+    parts = sum(map(payload.count, (b",", b"[", b"{")))
+    summary.parts += parts
+    if len(summary.kept) >= _MOST_KEPT or summary.parts > _MOST_PARTS:
         summary.unkept += 1
+        return
+    fits = parts <= _MOST_PARTS_OF_ONE and len(payload) <= _MOST_BYTES_OF_ONE
+    kept = (device, name, detail) if fits and _is_plain(document) else ("", "unreadable", {})
+    summary.kept.append((time_ns, *kept))
+
+
+def _is_plain(document: dict[str, Any]) -> bool:
+    """Whether a document of JSON can hold it: no NaN, no half of a letter, not too deep."""
+    try:
+        json.dumps(document, ensure_ascii=False, allow_nan=False).encode()
+    except (ValueError, RecursionError):
+        return False
+    return _depth(document) <= _DEEPEST
+
+
+def _depth(value: object) -> int:
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return 1 + max(map(_depth, inner), default=0)
 
 
 def _dict(value: object) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from exumi_recorders.finalise.rows import common_fields
 from exumi_recorders.finalise.touch import ReferenceFrames, set_reference
 from exumi_recorders.journal.reading import Block
 
-__all__ = ["write_files"]
+__all__ = ["add_files", "write_files"]
 
 
 class _Form(Protocol):
@@ -99,7 +99,7 @@ def write_files(
     StreamWriter or None
         None where there is not a single sample.
     """
-    form: _Form = _Jpegs(port.payload) if isinstance(port.payload, Files) else _sound(port)
+    form = _form_of(port)
     reference = ReferenceFrames.wanted(port.kind, name, context)
     out: Any = None
     left_out = 0
@@ -110,8 +110,7 @@ def write_files(
         if not kept.any():
             continue
         if out is None:
-            fields = {**common_fields(port), **port.metadata, **form.fields}
-            out = context.writer.add_stream(name, kind=port.kind, clock=clock, **fields)
+            out = add_files(name, port, clock, context)
         files = _chosen(block.files, kept)
         if reference is not None:
             reference.take(out.count, beside["time_host"], files)
@@ -124,7 +123,23 @@ def write_files(
     return out
 
 
-def _sound(port: Port) -> _Sound:
+def add_files(name: str, port: Port, clock: Clock, context: Context) -> Any:
+    """Add a stream of images or of sound to the episode; return its writer.
+
+    Parameters
+    ----------
+    name : str
+    port : Port
+    clock : Clock
+    context : Context
+    """
+    fields = {**common_fields(port), **port.metadata, **_form_of(port).fields}
+    return context.writer.add_stream(name, kind=port.kind, clock=clock, **fields)
+
+
+def _form_of(port: Port) -> _Form:
+    if isinstance(port.payload, Files):
+        return _Jpegs(port.payload)
     assert isinstance(port.payload, Blocks)  # noqa: S101  # rows are written elsewhere
     return _Sound(port.payload)
 

@@ -64,8 +64,8 @@ def _note_damages(name: str, damages: list[Damage], context: Context, *, is_ther
     more = len(damages) - _DAMAGES_SHOWN
     context.note(
         "journal-damaged",
-        f"{length} bytes of the journal of {name} hold no whole record, {known} or more samples are "
-        f"lost: {where}{f' and {more} more' if more > 0 else ''}",
+        f"{length} bytes of the journal of {name} hold no whole record, {known} or more samples "
+        f"are lost: {where}{f' and {more} more' if more > 0 else ''}",
         name if is_there else None,
     )
 

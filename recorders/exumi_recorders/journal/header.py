@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from exumi_data.errors import MetadataError, UsageError
-from exumi_data.model.base import Int64, Model, Rational, StreamName, Version
+from exumi_data.model.base import Identifier, Int64, Model, Rational, StreamName, Version
 from exumi_data.model.clock import StampPoint
 from exumi_data.model.documents import check_version, dump, load_json, problems_of
 from exumi_data.model.episode import EpisodeMetadata
@@ -125,7 +125,7 @@ class KnownLatency(Model):
 class StreamHeader(Model):
     """One stream: the device and port that it comes from, and how late it is."""
 
-    device: str
+    device: Identifier
     port: PortDocument
     latency: KnownLatency = KnownLatency()
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import struct
 import time
 from collections.abc import Mapping, Sequence
@@ -118,7 +119,9 @@ class JournalWriter:
             )
             self.append_clock()
         except BaseException:
-            self._close_logs()
+            # Nobody was told that it is being recorded.
+            self.abandon()
+            shutil.rmtree(self.path, ignore_errors=True)
             raise
 
     @property

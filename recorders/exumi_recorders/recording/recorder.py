@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from exumi_data.errors import UsageError
+from exumi_data.model.description import CalibrationItem
 from exumi_data.model.episode import EpisodeMetadata
 from exumi_recorders.contract import DeviceError, Event, Health, Sample
 from exumi_recorders.finalise.clocks import utc_text
+from exumi_recorders.finalise.rehearsal import rehearse
 from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.journal.flusher import OnFlushed
 from exumi_recorders.journal.header import (
@@ -146,6 +148,8 @@ class Recorder:
         ------
         DeviceError
             The first one that could not be opened.
+        UsageError
+            What a device delivers cannot be stored.
         """
         for thread in self._threads:
             thread.start()
@@ -156,6 +160,11 @@ class Recorder:
                 if isinstance(failure, DeviceError | ImportError):
                     raise failure
                 raise DeviceError(f"cannot be opened: {failure}", where=name) from failure
+        try:
+            rehearse({name: _stream_header(stream, {}) for name, stream in self.streams.items()})
+        except BaseException:
+            self.close()
+            raise
         self._opened_ns = time.monotonic_ns()
 
     def close(self) -> None:
@@ -236,7 +245,10 @@ class Recorder:
             boot_id=_boot_id(),
             t0_monotonic_ns=monotonic,
             episode=metadata,
-            streams={name: _stream_header(stream, metadata) for name, stream in streams.items()},
+            streams={
+                name: _stream_header(stream, metadata.calibration)
+                for name, stream in streams.items()
+            },
         )
         lanes = {name: self._lane(header, streams[name]) for name in streams}
         health = {thread.name: thread.health_now() for thread in self._threads}
@@ -437,8 +449,10 @@ def _boot_id() -> str:
         return "unknown"
 
 
-def _stream_header(stream: RecordedStream, metadata: EpisodeMetadata) -> StreamHeader:
-    item = metadata.calibration.get(f"{LATENCY}{stream.name}")
+def _stream_header(
+    stream: RecordedStream, calibration: Mapping[str, CalibrationItem]
+) -> StreamHeader:
+    item = calibration.get(f"{LATENCY}{stream.name}")
     document = port_document(stream.port)
     if item is None or not isinstance(item.value, int | float) or isinstance(item.value, bool):
         return StreamHeader(device=stream.device, port=document)

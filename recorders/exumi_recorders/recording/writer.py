@@ -97,6 +97,9 @@ class WriterThread:
         except OSError as error:
             self.truncated = DISK_FULL if is_full(error) else f"disk_error ({error.strerror})"
             self._give_up()
+        except Exception as error:  # noqa: BLE001  # nobody would notice that nothing is written
+            self.truncated = f"error ({type(error).__name__}: {error})"
+            self._give_up()
 
     def _write(self) -> None:
         for lane in self._lanes:
@@ -144,8 +147,8 @@ class WriterThread:
         try:
             self._write()
             self._count(time.monotonic_ns())
-        except OSError:
-            pass  # the journal is whole without it
+        except Exception:  # noqa: BLE001, S110  # the journal is whole without it
+            pass
         try:
             self._journal.stop(truncated=self.truncated)
         except OSError:

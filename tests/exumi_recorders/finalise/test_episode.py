@@ -413,6 +413,45 @@ def test_what_happened_is_kept_with_the_source(dataset: Path) -> None:
         assert gaps == [(4, None)]
 
 
+def test_events_that_no_document_can_hold_do_no_harm(dataset: Path) -> None:
+    deep: Any = []
+    for _ in range(200):
+        deep = [deep]
+    details: list[Any] = [
+        {"value": float("nan")},
+        {"value": float("inf")},
+        {"text": "\ud800"},
+        {"deep": deep},
+        {"long": "x" * 100_000},
+        {"many": list(range(5000))},
+    ]
+    counters = {"lost": {"pose": {"a\nb": 2, "late": True, "crc": 1, "sequence": -3}}, "x": 1}
+    events = [Event("odd", T0 + 1, detail) for detail in details]
+    events += [Event("counters", T0 + 2, counters), Event("fine", T0 + 3, {"a": 1})]
+    events += [Event("again", T0 + 4 + k, {"list": [0] * 100}) for k in range(1000)]
+    streams = {"pose": (POSE, samples("pose", 5, 90.0))}
+    finalise(make_journal(dataset, streams, events=events))
+    assert errors_of(dataset) == []
+    with open_final(dataset) as found:
+        settings = found.metadata.source.settings
+        assert settings is not None
+        names = [event["name"] for event in settings["events"]]
+        assert names[: len(details) + 1] == ["unreadable"] * len(details) + ["fine"]
+        assert len(names) + settings["events_left_out"] == len(details) + 1 + 1000
+        assert found["pose"].metadata.lost == {"crc": 1, "other": 2}
+
+
+def test_a_driver_that_stops_to_count_costs_no_sample(dataset: Path) -> None:
+    many = samples("pose", 8200, 90.0)
+    given = [
+        replace(each, sequence=None) if k > 8190 else each for k, each in enumerate(many) if each
+    ]
+    finalise(make_journal(dataset, {"pose": (POSE, given)}))
+    assert errors_of(dataset) == []
+    with open_final(dataset) as found:
+        assert len(found["pose"]) == 8200
+
+
 def test_damage_is_reported_with_its_place(dataset: Path) -> None:
     journal = make_journal(dataset, {"camera": (CAMERA, samples("camera", 20))})
     path = journal / "camera" / segment_name(0)

@@ -39,9 +39,7 @@ def take(
     if seq is None:
         seq = list(range(losses.count, losses.count + count))
     found = losses.take(
-        np.array(seq, np.uint64)
-        if seq is not None
-        else np.arange(first, first + count).astype("u8"),
+        np.array(seq, np.uint64),
         numbers,
         np.array([RESTARTED if i in restarted else 0 for i in range(count)], np.uint32),
         damaged=np.array([i in damaged for i in range(count)], np.bool_),
