@@ -189,5 +189,6 @@ def _report(operator: "Operator", report: "SessionReport") -> None:
             "problems": report.problems,
             "left": [str(path) for path in report.left],
         },
-        f"{len(kept)} episodes kept, {len(report.discarded)} discarded",
+        f"{len(kept)} {'episode' if len(kept) == 1 else 'episodes'} kept, "
+        f"{len(report.discarded)} discarded",
     )

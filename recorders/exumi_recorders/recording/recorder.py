@@ -48,8 +48,6 @@ _OPEN_S = 30.0
 _GRACE_S = 0.1
 _SILENT_S = 0.5
 _SILENT_PERIODS = 5.0
-_FIRST_S = 3.0
-"""So long a device may take to its first sample: cameras do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -525,7 +523,7 @@ def _stream_problems(
             Problem(stream.name, "frozen", "The pose does not change: tracking may be lost.")
         )
     arrived = max(stream.meter.last_arrival_ns or 0, opened_ns)
-    allowed = _SILENT_S if stream.meter.last_arrival_ns is not None else _FIRST_S
+    allowed = _SILENT_S
     if stream.rate_hz is not None:
         allowed = max(allowed, _SILENT_PERIODS / stream.rate_hz)
     if thread.connected and opened_ns and (now_ns - arrived) / 1e9 > allowed:

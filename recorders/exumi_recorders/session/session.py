@@ -185,6 +185,7 @@ class Session:
         try:
             if self._finisher.waiting:
                 self._tell(Message("info", "finishing", "finishing the last episodes ..."))
+                self._show(self._status(self._recorder.status()))
             self._finisher.close()
         except BaseException:
             self._finisher.give_up()
@@ -424,20 +425,21 @@ class Session:
             self._stop("")
         for _ in range(self._problems.tell(status.problems)):
             self._hook("problem")
+        self._show(self._status(status))
+
+    def _status(self, recording: RecordingStatus) -> SessionStatus:
         labelled = self._plan.labels.annotations(1) is not None
         undecided = self._stopped is not None and not self._stopped.is_discarded
         trial = self._trials.next_trial(self._plan.labels) + undecided
-        self._show(
-            SessionStatus(
-                state=self._state,
-                recording=status,
-                kept=self._kept,
-                discarded=len(self._report.discarded),
-                finishing=self._finisher.waiting,
-                undecided=undecided,
-                disk_minutes=self._room_left() / 60,
-                next_trial=trial if labelled else None,
-            )
+        return SessionStatus(
+            state=self._state,
+            recording=recording,
+            kept=self._kept,
+            discarded=len(self._report.discarded),
+            finishing=self._finisher.waiting,
+            undecided=undecided,
+            disk_minutes=self._room_left() / 60,
+            next_trial=trial if labelled else None,
         )
 
     def _hook(self, name: str) -> None:
@@ -454,7 +456,9 @@ class Session:
                 self._tell(Message("error", "not_finished", text, done.journal.stem))
             else:
                 damage = f", {done.damages} damages" if done.damages else ""
-                self._tell(Message("info", "kept", f"{done.episode}{damage}", str(done.episode)))
+                self._tell(
+                    Message("info", "kept", f"kept: {done.episode}{damage}", str(done.episode))
+                )
 
 
 def _drained(finished: "queue.SimpleQueue[Finished]") -> Sequence[Finished]:

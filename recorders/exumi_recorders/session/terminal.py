@@ -57,6 +57,8 @@ def _headline(status: SessionStatus) -> Any:
     if status.state == "recording":
         text.append(" REC ", style="bold white on red")
         text.append(f" {status.recording.elapsed_s:6.1f} s  {status.recording.bytes / 1e6:,.0f} MB")
+    elif status.state == "ended":
+        text.append(" ending ", style="bold black on yellow")
     else:
         text.append(" waiting ", style="bold black on green")
     text.append(f"   {status.kept} kept, {status.discarded} discarded")
