@@ -57,13 +57,13 @@ class _Stopped:
 
 
 class Session:
-    """Record episodes with a rig whose devices are open.
+    """Record episodes with a rig. It is there before the devices open, to hear their events.
 
     Parameters
     ----------
     rig : Rig
     recorder : Recorder
-        Open; its `on_event` should lead to `hear`.
+        Open when `run` is called; its `told` should lead to `hear`.
     dataset : pathlib.Path
     plan : Plan
     calibrated : Calibrated
@@ -114,7 +114,7 @@ class Session:
         self._flag_device = rig.controls.flag
         self._world_device = rig.controls.world_frame
         self._has_world = False
-        self._reference = ReferenceTaker(recorder.streams.values(), recorder.latest_frame)
+        self._reference = ReferenceTaker((), recorder.latest_frame)
 
     def command(self, name: CommandName, reason: str = "") -> None:
         """Want something; for any thread and for signal handlers.
@@ -153,7 +153,11 @@ class Session:
         KeyboardInterrupt
             While the last episodes were finished; they are kept as journals.
         """
+        self._opened = time.monotonic()
         self._hook("ready")
+        self._reference = ReferenceTaker(
+            self._recorder.streams.values(), self._recorder.latest_frame
+        )
         self._take_references(
             [
                 name

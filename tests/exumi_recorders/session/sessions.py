@@ -7,7 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from exumi_recorders.contract import Driver, Event
+from exumi_recorders.contract import Driver
 from exumi_recorders.journal.space import SpaceLimits
 from exumi_recorders.recording.recorder import Recorder
 from exumi_recorders.rig.model import About, Controls, Hooks, Rig
@@ -70,9 +70,6 @@ class Running:
         self.report = self.session.run()
 
     def __enter__(self) -> Self:
-        heard: list[tuple[str, Event]] = []
-        self.recorder.told = lambda name, event: heard.append((name, event))
-        self.recorder.open()
         self.session = Session(
             self._rig,
             self.recorder,
@@ -84,8 +81,7 @@ class Running:
             self._see,
         )
         self.recorder.told = self.session.hear
-        for name, event in heard:
-            self.session.hear(name, event)
+        self.recorder.open()
         self._thread.start()
         return self
 
