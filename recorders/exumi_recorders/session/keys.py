@@ -53,9 +53,10 @@ def read_keys(on_key: Callable[[str], None], stream: IO[str] | None = None) -> I
 
         descriptor = (stream or sys.stdin).fileno()
         before = termios.tcgetattr(descriptor)
-        if os.tcgetpgrp(descriptor) != os.getpgrp():
-            raise OSError  # in the background, the terminal is somebody else's
     except (ImportError, OSError, ValueError, AttributeError, termios.error):
+        yield False
+        return
+    if _is_in_background(descriptor):
         yield False
         return
 
@@ -74,6 +75,14 @@ def read_keys(on_key: Callable[[str], None], stream: IO[str] | None = None) -> I
         # A terminal that is gone needs no restoring. Nor is waited for one that hangs (TCSADRAIN).
         with contextlib.suppress(termios.error, OSError):
             termios.tcsetattr(descriptor, termios.TCSANOW, before)
+
+
+def _is_in_background(descriptor: int) -> bool:
+    """Whether the terminal is another program's just now: to touch it would stop this one."""
+    try:
+        return os.tcgetpgrp(descriptor) != os.getpgrp()
+    except OSError:
+        return False
 
 
 def _one_key_at_a_time(before: list[Any]) -> list[Any]:

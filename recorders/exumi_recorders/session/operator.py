@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections import deque
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
@@ -69,6 +69,7 @@ class Operator:
         self._thread = threading.Thread(target=self._run, name="operator", daemon=True)
 
     def __enter__(self) -> Self:
+        self._writer.open()
         self._thread.start()
         return self
 
@@ -137,12 +138,13 @@ class Operator:
         text : str
             For people.
         """
+        self._status = None
         self._said.append(document if self._as_json else text)
         self._wake.set()
 
     def _run(self) -> None:
         # When nobody is there any more, what is said goes nowhere.
-        with suppress(OSError, ValueError), self._writer as writer:
+        with suppress(OSError, ValueError), closing(self._writer) as writer:
             shown: SessionStatus | None = None
             due = 0.0
             while not self._ending.is_set():
@@ -172,7 +174,7 @@ class _Writer:
         self.has_keys = False
         self._is_own = False
 
-    def _open(self) -> TextIO:
+    def _own_file(self) -> TextIO:
         shared: TextIO = getattr(sys, self.name)
         with suppress(OSError, ValueError, AttributeError):
             shared.flush()
@@ -194,11 +196,10 @@ class _JsonWriter(_Writer):
 
     name = "stdout"
 
-    def __enter__(self) -> Self:
-        self._file = self._open()
-        return self
+    def open(self) -> None:
+        self._file = self._own_file()
 
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
         self._close(self._file)
 
     def say(self, said: Message | str | dict[str, Any]) -> None:
@@ -227,14 +228,19 @@ class _TerminalWriter(_Writer):
         self._quiet = quiet
         self._live: Live | None = None
 
-    def __enter__(self) -> Self:
+    def open(self) -> None:
         from rich.console import Console
 
-        self._file = self._open()
-        self._console = Console(file=self._file, highlight=False, emoji=False)
-        return self
+        self._file = self._own_file()
 
-    def __exit__(self, *_: object) -> None:
+        class Plain(Console):
+            def on_broken_pipe(self) -> None:
+                """Leave the program as it is; rich would end it."""
+                raise BrokenPipeError
+
+        self._console = Plain(file=self._file, highlight=False, emoji=False)
+
+    def close(self) -> None:
         with suppress(OSError):
             self.finish()
         self._close(self._file)
