@@ -40,6 +40,7 @@ _HEADSET_RATE = 90
 _HEADSET_LAG_S = 0.010
 _LEASH = "exumi_recorders.simulated.leash"
 _SETTLE_S = 2.0
+_EARLY_S = 1.0
 _REST_S = 30.0
 _START_S = 30.0
 # Wider than the simulated gripper opens, and below what an uncertain zero makes of closed.
@@ -138,6 +139,8 @@ def simulated_rig(settings: SimulatedSettings | None = None) -> Iterator[Simulat
     try:
         running += [_start(module, options) for module, options in programs]
         _wait_for([Path(setup.socket) for setup in cameras.values()], running)
+        # A camera that sends nothing for long seems broken.
+        time.sleep(max(0.0, (epoch_ns - time.monotonic_ns()) / 1e9 - _EARLY_S))
         yield SimulatedRig(
             rig=parse_rig(_document(settings, cameras, number, epoch_ns)),
             calibrated=_calibrated(session, cameras),

@@ -231,9 +231,8 @@ def test_for_programs(tmp_path: Path, plain_environment: dict[str, str]) -> None
     assert run.process.returncode == 0
     assert {one["type"] for one in said[:-1]} == {"message", "status"}
     codes = [one["code"] for one in said if one["type"] == "message"]
-    assert sorted(codes) == sorted(
-        "recording unknown_command judged stopped discarded undone finishing kept".split()
-    )
+    expected = ["recording", "unknown_command", "judged", "stopped", "discarded", "undone"]
+    assert sorted(codes) == sorted([*expected, "finishing", "kept"])
     episode = run.check_only_episode()
     assert said[-1] == {
         "type": "report",
