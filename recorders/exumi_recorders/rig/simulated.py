@@ -24,6 +24,7 @@ from exumi_data.errors import ExumiError
 from exumi_data.model.calibration import INTRINSICS, RIG_REFERENCE
 from exumi_data.model.description import CalibrationItem
 from exumi_data.simulation import PlaySession, simulate_play
+from exumi_recorders.finalise.clocks import utc_text
 from exumi_recorders.rig.loading import parse_rig
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.session.plan import Calibrated
@@ -261,6 +262,7 @@ def _document(
 
 
 def _calibrated(session: PlaySession, cameras: dict[str, CameraSetup]) -> Calibrated:
+    now = utc_text(time.time_ns())
     encoder = session.encoder
     counts = [round(width_m * encoder.counts_per_m) for width_m in _MAPPED_M]
     items = {
@@ -283,7 +285,7 @@ def _calibrated(session: PlaySession, cameras: dict[str, CameraSetup]) -> Calibr
     latencies = {name: setup.image_latency_ns for name, setup in cameras.items()}
     for name, latency_ns in {**latencies, "pose": round(_HEADSET_LAG_S * 1e9), "width": 0}.items():
         items[f"latency/{name}"] = CalibrationItem(
-            value=latency_ns, unit="ns", uncertainty=1e6, method=_KNOWN
+            value=latency_ns, unit="ns", uncertainty=1e6, method=_KNOWN, time=now
         )
     arrays: dict[str, np.ndarray] = {}
     for name in ("tactile_left", "tactile_right"):

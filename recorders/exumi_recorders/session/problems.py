@@ -47,6 +47,7 @@ class ProblemTeller:
             # One that comes and goes is not told each time.
             if now - seen > _CALM_S:
                 del self._open[key]
-                text = f"{key[0] or 'recorder'}: well again"
+                others = any(where == key[0] for where, _, _ in self._open)
+                text = f"{key[0] or 'recorder'}: {'that is over' if others else 'well again'}"
                 self._tell(Message("info", f"{key[1]}_over", text))
         return new
