@@ -13,8 +13,9 @@ from exumi_data.cli.options import epilog, given_path
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from exumi_recorders.session.messages import SessionReport
     from exumi_recorders.session.operator import Operator
-    from exumi_recorders.session.session import Session, SessionReport
+    from exumi_recorders.session.session import Session
 
 __all__ = ["EPILOG", "Pad", "RegimeName", "run"]
 
@@ -93,7 +94,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     preview: Annotated[
         str | None,
         typer.Option(
-            metavar="[HOST:PORT]",
+            metavar="[HOST:]PORT",
             help="Show the cameras in a browser, such as on 127.0.0.1:8642; on other machines "
             "only with a HOST such as 0.0.0.0.",
         ),
@@ -110,7 +111,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         typer.Option(
             "--status-json",
             help="Print JSON lines on stdout, and take commands as lines on stdin: start, stop, "
-            "discard REASON, undo, success, failure, quit.",
+            "discard REASON, undo, success, failure, reference, quit.",
         ),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of the simulated rig.")] = 7,
@@ -145,36 +146,45 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     )
     address = None if preview is None else parse_address(preview)
     operator_view: Operator = Operator(as_json=status_json)
-    with (
-        operator_view,
-        open_session(rig, out, plan, operator_view, seed=seed, preview=address) as session,
-        _ended_by_signals(session),
-    ):
-        report = session.run()
-    _report(operator_view, report)
+    with operator_view:
+        with (
+            open_session(rig, out, plan, operator_view, seed=seed, preview=address) as session,
+            _ended_by_signals(session),
+        ):
+            report = session.run()
+        _report(operator_view, report)
     if report.problems or report.left:
         raise typer.Exit(FOUND_WRONG)
 
 
 @contextlib.contextmanager
 def _ended_by_signals(session: "Session") -> "Iterator[None]":
-    """End the session cleanly on Ctrl-C, SIGTERM and a lost connection; at once the second time."""
+    """End the session cleanly on Ctrl-C, SIGTERM and a lost connection; at once on another Ctrl-C.
+
+    A lost connection comes as several SIGHUP: of the terminal, and of the shell.
+    """
     asked = False
 
-    def end(_number: int, _frame: Any) -> None:
+    def end(number: int, _frame: Any) -> None:
         nonlocal asked
-        if asked:
+        if asked and number == signal.SIGINT:
             raise KeyboardInterrupt
         asked = True
         session.command("quit")
 
-    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {name: signal.signal(getattr(signal, name), end) for name in names}
+    before = {}
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        # Under nohup a lost connection is nothing to end for.
+        if number is not None and (
+            name != "SIGHUP" or signal.getsignal(number) is not signal.SIG_IGN
+        ):
+            before[number] = signal.signal(number, end)
     try:
         yield
     finally:
-        for name, handler in before.items():
-            signal.signal(getattr(signal, name), handler)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _report(operator: "Operator", report: "SessionReport") -> None:
@@ -187,5 +197,6 @@ def _report(operator: "Operator", report: "SessionReport") -> None:
             "problems": report.problems,
             "left": [str(path) for path in report.left],
         },
-        f"{len(kept)} episodes kept, {len(report.discarded)} discarded",
+        f"{len(kept)} {'episode' if len(kept) == 1 else 'episodes'} kept, "
+        f"{len(report.discarded)} discarded",
     )

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exumi_data.cli.options import QuietOption, epilog, given_path
+from exumi_data.cli.options import Format, FormatOption, QuietOption, epilog, given_path
 
 if TYPE_CHECKING:
     from exumi_recorders.finalise.episode import Finalised
 
 __all__ = ["EPILOG", "run"]
 
-EPILOG = epilog("exumi recover my-dataset", "exumi recover my-dataset --dry-run --json")
+EPILOG = epilog("exumi recover my-dataset", "exumi recover my-dataset --dry-run --format json")
 
 _DAMAGES_SHOWN = 5
 
@@ -29,7 +29,7 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what is there, and write nothing.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
+    output: FormatOption = Format.TEXT,
     quiet: QuietOption = False,
 ) -> None:
     """Make episodes of what was being recorded when the program or the power went.
@@ -43,7 +43,7 @@ def run(
 
     with progress_of("Recovering", quiet=quiet) as update:
         result = recover(paths, dry_run=dry_run, on_done=update)
-    if as_json:
+    if output is Format.JSON:
         print_json(result.to_json())
     else:
         for one in result.done:
@@ -53,7 +53,7 @@ def run(
                 print(f"  {damage.path}: {damage.bytes:,} bytes at {damage.offset:,}", end="")
                 print(f" ({damage.what}){lost}")
             if len(one.damages) > _DAMAGES_SHOWN:
-                print(f"  and {len(one.damages) - _DAMAGES_SHOWN} more (--json lists all)")
+                print(f"  and {len(one.damages) - _DAMAGES_SHOWN} more (--format json lists all)")
         if not result.done and not result.failed:
             print("nothing to recover")
     console = error_console()

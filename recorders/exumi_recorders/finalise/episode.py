@@ -24,6 +24,7 @@ from exumi_recorders.finalise.events import EventSummary, read_events
 from exumi_recorders.finalise.pipeline import synced_early
 from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.finalise.streams import finish_stream
+from exumi_recorders.finalise.touch import SESSION_REFERENCE
 from exumi_recorders.finalise.verify import verify
 from exumi_recorders.journal.header import (
     CLOCK_LOG,
@@ -254,6 +255,8 @@ def _write(
     epoch = epoch_of(clock_log, header)
     metadata = header.episode.model_copy(deep=True)
     metadata.start = epoch.start
+    said = events.success if state.success is None else state.success
+    metadata.success = metadata.success if said is None else said
     arrays = _arrays(journal, metadata.calibration)
     counts: dict[str, int] = {}
     with EpisodeWriter(target, metadata, before_rename=partial(verify, counts=counts)) as writer:
@@ -293,6 +296,9 @@ def _arrays(journal: Path, items: Mapping[str, CalibrationItem]) -> dict[str, np
 def _copy_arrays(context: Context) -> None:
     for name, item in list(context.calibration.items()):
         if item.array is None:
+            continue
+        if name.startswith(SESSION_REFERENCE):
+            item.array = None  # it becomes the stream's own
             continue
         array = context.arrays.get(item.array.removeprefix("calibration/"))
         if array is None:

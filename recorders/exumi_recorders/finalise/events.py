@@ -10,7 +10,15 @@ import numpy as np
 
 from exumi_recorders.journal.reading import Block
 
-__all__ = ["COUNTERS", "DEVICE_BACK", "DEVICE_LOST", "REFERENCE", "EventSummary", "read_events"]
+__all__ = [
+    "COUNTERS",
+    "DEVICE_BACK",
+    "DEVICE_LOST",
+    "REFERENCE",
+    "SUCCESS",
+    "EventSummary",
+    "read_events",
+]
 
 COUNTERS = "counters"
 """The recorder's own: what was lost of each stream so far, and how well it is stamped."""
@@ -18,6 +26,8 @@ DEVICE_LOST = "device_lost"
 DEVICE_BACK = "device_back"
 REFERENCE = "reference"
 """No contact between two host times: ``stream``, ``from_ns``, ``until_ns``."""
+SUCCESS = "success"
+"""Whether the task was done, as the operator says: ``value``; the last one holds."""
 _MOST_KEPT = 500
 # What the episode's document may hold of events, as its commas and brackets are counted.
 _MOST_PARTS = 20_000
@@ -43,6 +53,8 @@ class EventSummary:
         How often each device was lost.
     references : dict of str to (int, int)
         Of each stream, when nothing touched it: the last such time.
+    success : bool or None
+        Whether the task was done; None where nobody said.
     kept : list of (int, str, str, dict)
         Host time, device, name and detail of the others, the first ones.
     unkept : int
@@ -56,6 +68,7 @@ class EventSummary:
     gone: dict[str, int] = field(default_factory=dict)
     losses: dict[str, int] = field(default_factory=dict)
     references: dict[str, tuple[int, int]] = field(default_factory=dict)
+    success: bool | None = None
     kept: list[tuple[int, str, str, dict[str, Any]]] = field(default_factory=list)
     unkept: int = 0
     parts: int = 0
@@ -128,6 +141,8 @@ def _take(summary: EventSummary, time_ns: int, document: dict[str, Any], payload
         times = detail.get("from_ns"), detail.get("until_ns")
         if isinstance(times[0], int) and isinstance(times[1], int):
             summary.references[str(detail.get("stream", ""))] = times[0], times[1]
+    elif name == SUCCESS and isinstance(detail.get("value"), bool):
+        summary.success = detail["value"]
     parts = sum(map(payload.count, (b",", b"[", b"{")))
     summary.parts += parts
     if len(summary.kept) >= _MOST_KEPT or summary.parts > _MOST_PARTS:

@@ -14,7 +14,7 @@ from exumi_recorders.contract import Blocks, Files, Port
 from exumi_recorders.finalise.columns import Columns
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.rows import common_fields
-from exumi_recorders.finalise.touch import ReferenceFrames, set_rig_reference
+from exumi_recorders.finalise.touch import ReferenceFrames, set_reference
 from exumi_recorders.journal.reading import Block
 
 __all__ = ["add_files", "write_files"]
@@ -119,7 +119,7 @@ def write_files(
         text = f"{left_out} payloads of {name} were {form.text}"
         context.note("files-left-out", text, None if out is None else name)
     if out is not None:
-        set_rig_reference(out, name, context, reference)
+        set_reference(out, name, context, reference)
     return out
 
 

@@ -15,6 +15,7 @@ from exumi_data.catalog import (
 )
 from exumi_data.errors import ExumiError, UsageError
 from exumi_recorders.finalise.episode import Finalised, dataset_of, finalise, inspect
+from exumi_recorders.journal.space import drop_stale_reserve
 from exumi_recorders.journal.states import RECORDING_FOLDER, SUFFIX, list_journals
 
 __all__ = ["Recovery", "add_to_catalog", "find_journals", "recover"]
@@ -88,6 +89,14 @@ def find_journals(path: Path) -> list[Path]:
     return list_journals(whole)
 
 
+def _dataset_at(path: Path) -> Path:
+    """Return the dataset of a path that `find_journals` took."""
+    whole = path.absolute()
+    if whole.name.endswith(SUFFIX):
+        return dataset_of(whole)
+    return whole.parent if whole.name == RECORDING_FOLDER else whole
+
+
 def recover(
     paths: Sequence[Path],
     *,
@@ -131,6 +140,9 @@ def recover(
             outcome = "failed"
         if on_done is not None:
             on_done(len(done) + len(failed), len(journals), outcome)
+    if not dry_run:
+        for path in paths:
+            drop_stale_reserve(_dataset_at(path))
     notices = []
     for dataset in dict.fromkeys(
         dataset_of(one.journal) for one in done if one.outcome == "finalised"

@@ -1,4 +1,8 @@
-"""The image of a tactile stream without contact: of the calibration, or of a few quiet frames."""
+"""The image of a tactile stream without contact.
+
+It is of a few quiet frames of the episode; or was taken before the session's first episode; or is
+that of the rig's calibration: the newest there is.
+"""
 
 from typing import Any
 
@@ -7,10 +11,20 @@ import numpy.typing as npt
 
 from exumi_data.errors import ExumiError
 from exumi_data.model.calibration import RIG_REFERENCE
+from exumi_data.model.description import CalibrationItem
 from exumi_data.store import jpeg
 from exumi_recorders.finalise.context import Context
 
-__all__ = ["ReferenceFrames", "set_rig_reference"]
+__all__ = ["NOTHING_TOUCHED", "SESSION_REFERENCE", "ReferenceFrames", "set_reference"]
+
+SESSION_REFERENCE = "session_reference/"
+"""An item of this name and a stream's comes with the image that was taken before the session.
+
+It is not the rig's: nobody may tell fingers apart by it. In the episode the image is the stream's
+`reference`, and the item says when and how it was taken.
+"""
+NOTHING_TOUCHED = "nothing_touched"
+"""In its value: whether the operator said so."""
 
 _MOST = 9
 
@@ -79,7 +93,7 @@ class ReferenceFrames:
         return np.median(np.stack(decoded), axis=0).astype(np.uint8), indices
 
 
-def set_rig_reference(
+def set_reference(
     out: Any, stream: str, context: Context, captured: ReferenceFrames | None
 ) -> None:
     """Give a tactile stream its reference, where there is one.
@@ -100,15 +114,29 @@ def set_rig_reference(
     if found is not None:
         out.set_reference(found[0], method="captured", frames=found[1], contact_free=True)
         return
-    name = f"{RIG_REFERENCE}{stream}"
+    for name in (f"{SESSION_REFERENCE}{stream}", f"{RIG_REFERENCE}{stream}"):
+        if _set_calibrated(out, name, size, context, stream):
+            return
+
+
+def _set_calibrated(
+    out: Any, name: str, size: tuple[int, int, int], context: Context, stream: str
+) -> bool:
+    """Take the image of a calibration item; return whether that was possible."""
     image = context.arrays.get(name) if name in context.calibration else None
     if image is None:
-        return
+        return False
     if image.dtype == np.uint8 and image.shape in ((*size[:2], 1), (*size[:2], 3)):
-        out.set_reference(np.array(image), method="captured", contact_free=True)
-    else:
-        context.note(
-            "reference-not-used",
-            f"the calibration {name!r} is {image.shape} {image.dtype}, the frames are {size}",
-            stream,
-        )
+        known = not name.startswith(SESSION_REFERENCE) or _is_confirmed(context.calibration[name])
+        out.set_reference(np.array(image), method="captured", contact_free=True if known else None)
+        return True
+    context.note(
+        "reference-not-used",
+        f"the calibration {name!r} is {image.shape} {image.dtype}, the frames are {size}",
+        stream,
+    )
+    return False
+
+
+def _is_confirmed(item: CalibrationItem) -> bool:
+    return isinstance(item.value, dict) and item.value.get(NOTHING_TOUCHED) is True

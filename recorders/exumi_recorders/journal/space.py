@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from exumi_data.errors import ExumiError
+from exumi_data.store.files import try_lock
 from exumi_data.time import parse_rate
 from exumi_recorders.contract import Blocks, Files, Port, Rows
 from exumi_recorders.journal.record import HEADER_BYTES
@@ -20,6 +21,7 @@ __all__ = [
     "SpaceLimits",
     "bytes_per_second",
     "check_room",
+    "drop_stale_reserve",
     "free_bytes",
     "seconds_left",
 ]
@@ -131,6 +133,8 @@ def check_room(folder: Path, limits: SpaceLimits) -> None:
 class Reserve:
     """Room that is kept back until the disk is full.
 
+    The file is locked for as long as it is held: what a crash left behind can be told.
+
     Parameters
     ----------
     dataset : pathlib.Path
@@ -141,31 +145,66 @@ class Reserve:
     def __init__(self, dataset: Path, size: int) -> None:
         self.path = dataset / RECORDING_FOLDER / _FILE_NAME
         self._size = size
+        self._held: int | None = None
 
     def hold(self) -> None:
-        """Take the room, if it is not taken yet.
+        """Take the room, if it is not taken yet, by this or by another recorder.
 
         Raises
         ------
         NoRoomError
             There is none.
         """
-        if not self._size:
+        if not self._size or (self._held is not None and self.path.exists()):
             return
+        self.leave()
         self.path.parent.mkdir(parents=True, exist_ok=True)
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
         descriptor = os.open(self.path, flags, 0o644)
         try:
+            try_lock(descriptor)
+        except BlockingIOError:
+            os.close(descriptor)  # another recorder of this dataset holds it, for both
+            return
+        self._held = descriptor
+        try:
             if os.fstat(descriptor).st_size < self._size:
                 os.posix_fallocate(descriptor, 0, self._size)
         except OSError as error:
+            self.release()
             if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-                self.release()
                 raise NoRoomError("the disk is full", where=self.path.parent) from error
             raise
-        finally:
-            os.close(descriptor)
 
     def release(self) -> None:
-        """Give the room back."""
+        """Give the room back, now that the disk is full, or when nothing is recorded any more."""
         self.path.unlink(missing_ok=True)
+        self.leave()
+
+    def leave(self) -> None:
+        """Give back what this recorder holds; another one's stays."""
+        held, self._held = self._held, None
+        if held is not None:
+            self.path.unlink(missing_ok=True)
+            os.close(held)
+
+
+def drop_stale_reserve(dataset: Path) -> None:
+    """Remove the reserve that a crash left behind; one that somebody holds stays.
+
+    Parameters
+    ----------
+    dataset : pathlib.Path
+    """
+    path = Reserve(dataset, 0).path
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return
+    try:
+        try_lock(descriptor)
+        path.unlink(missing_ok=True)
+    except BlockingIOError:
+        pass
+    finally:
+        os.close(descriptor)

@@ -29,6 +29,7 @@ __all__ = [
     "State",
     "discard",
     "journal_folder",
+    "judge",
     "list_journals",
     "locked",
     "purge",
@@ -56,6 +57,8 @@ class JournalState(Model):
     """Why it was discarded."""
     truncated: Annotated[str, Field(max_length=1000)] | None = None
     """Why recording ended before it was stopped: ``disk_full``, or an error of the disk."""
+    success: bool | None = None
+    """Whether the task was done, where that was said after the recording."""
     purged: bool = False
     """Whether the logs of a discarded journal are gone."""
 
@@ -191,6 +194,23 @@ def undo_discard(journal: Path) -> None:
             what = "its logs are gone" if state.purged else f"it is {state.state}"
             raise UsageError(f"cannot be taken back: {what}", where=journal)
         write_state(journal, state.model_copy(update={"state": "stopped", "reason": None}))
+
+
+def judge(journal: Path, *, success: bool) -> None:
+    """Say of a stopped journal whether the task was done; it counts more than what was said before.
+
+    Parameters
+    ----------
+    journal : pathlib.Path
+    success : bool
+
+    Raises
+    ------
+    UsageError
+        It is held by somebody, or is not there.
+    """
+    with _changed(journal) as state:
+        write_state(journal, state.model_copy(update={"success": success}))
 
 
 def purge(journal: Path) -> None:

@@ -33,8 +33,8 @@ class Limits:
 
     bytes: int = 64 << 20
     age_s: float = 5.0
-    preview_share: float = 0.25
-    warn_share: float = 0.5
+    preview_share: float = 0.08
+    warn_share: float = 0.1
 
 
 class Pressure:

@@ -126,6 +126,7 @@ class Recorder:
         self._pressure = Pressure(self._limits)
         self._sticky: dict[tuple[str, str], Event] = {}
         self._episode: _Episode | None = None
+        self._reserve: Reserve | None = None
         self._truncated: str | None = None
         self._events_lock = threading.Lock()
         self._opened_ns = 0
@@ -170,6 +171,8 @@ class Recorder:
             self.stop()
         for thread in self._threads:
             thread.stop()
+        if self._reserve is not None:
+            self._reserve.leave()
 
     def __enter__(self) -> "Recorder":
         self.open()
@@ -230,7 +233,7 @@ class Recorder:
         if self._episode is not None:
             raise UsageError("an episode is being recorded")
         check_room(dataset, self._space)
-        reserve = Reserve(dataset, self._space.reserve_bytes)
+        reserve = self._reserve_of(dataset)
         reserve.hold()
         monotonic, utc, _ = read_clock_pair()
         metadata = metadata.model_copy(deep=True)
@@ -275,6 +278,16 @@ class Recorder:
             self._episode = _Episode(metadata.id, monotonic, journal, writer, lanes, health)
         writer.start()
         return journal.path
+
+    def _reserve_of(self, dataset: Path) -> Reserve:
+        """Return what is kept back on the dataset's disk, from one episode to the next."""
+        reserve = self._reserve
+        wanted = Reserve(dataset, self._space.reserve_bytes)
+        if reserve is None or reserve.path != wanted.path:
+            if reserve is not None:
+                reserve.leave()
+            reserve = self._reserve = wanted
+        return reserve
 
     def _lane(self, header: JournalHeader, stream: RecordedStream) -> Lane:
         return Lane(

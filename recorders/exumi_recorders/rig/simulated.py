@@ -14,8 +14,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from exumi_recorders.rig.loading import parse_rig
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.session.plan import Calibrated
 from exumi_recorders.simulated.camera_setup import CameraSetup, PlaySetup
+from exumi_recorders.simulated.headset_options import HeadsetFaults
 from exumi_recorders.simulated.play import SimulatedPlay
 from exumi_recorders.simulated.started import READY
 
@@ -65,6 +66,10 @@ class SimulatedSettings:
         How often the fingers close on an object and open again before they pick it up.
     toggles_s : tuple of float
         When the operator presses the controller's button, seconds after the first motion.
+    absent_s : mapping of str to (float, float)
+        Cameras that are unplugged meanwhile: from, to, as above.
+    headset_faults : HeadsetFaults, optional
+        What goes wrong with the headset.
     """
 
     seed: int = 7
@@ -72,6 +77,8 @@ class SimulatedSettings:
     frame_width: int = 320
     taps: int = 0
     toggles_s: tuple[float, ...] = ()
+    absent_s: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    headset_faults: HeadsetFaults = field(default_factory=HeadsetFaults)
 
 
 @dataclass(frozen=True)
@@ -168,6 +175,7 @@ def _camera(name: str, settings: SimulatedSettings, folder: Path) -> CameraSetup
             "width": settings.frame_width,
             "height": 3 * settings.frame_width // 4,
             "live": True,
+            "absent_s": [settings.absent_s[name]] if name in settings.absent_s else [],
             # One moment a picture: as cheap as can be, on the machine that records as well.
             "bands": 1,
             "exposures": 1,
@@ -185,6 +193,7 @@ def _headset(settings: SimulatedSettings, port: int) -> dict[str, Any]:
         "seed": settings.seed,
         "lag_s": _HEADSET_LAG_S,
         "toggles_s": list(settings.toggles_s),
+        "faults": settings.headset_faults.model_dump(mode="json"),
     }
 
 

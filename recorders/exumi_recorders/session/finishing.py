@@ -100,7 +100,7 @@ class Finisher:
 
     def _finish(self, journal: Path) -> Finished:
         command = [sys.executable, "-m", "exumi_data.cli", "recover", str(journal)]
-        command += ["--json", "--quiet"]
+        command += ["--format", "json", "--quiet"]
         nice = shutil.which("nice")
         if nice:
             command = [nice, "-n", _NICE, *command]

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 from exumi_recorders.journal.states import RECORDING_FOLDER
 from exumi_recorders.rig.simulated import SimulatedSettings, simulated_rig
+from exumi_recorders.session.messages import Message, SessionReport, SessionStatus
 from exumi_recorders.session.operator import Operator
 from exumi_recorders.session.plan import Plan
 from exumi_recorders.session.running import session_with
-from exumi_recorders.session.session import Message, Session, SessionReport, SessionStatus
+from exumi_recorders.session.session import Session
 from exumi_recorders.simulated.play import SimulatedPlay
 
 if TYPE_CHECKING:

@@ -19,11 +19,12 @@ from exumi_recorders.rig.loading import load_rig
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.rig.simulated import NAME, SimulatedSettings, simulated_rig
 from exumi_recorders.session.labels import TrialCounter
+from exumi_recorders.session.messages import Message
 from exumi_recorders.session.operator import Operator
 from exumi_recorders.session.plan import Calibrated, Plan
 from exumi_recorders.session.preview import Preview
 from exumi_recorders.session.readiness import check_calibration
-from exumi_recorders.session.session import Message, Session
+from exumi_recorders.session.session import Session
 
 __all__ = ["make_recorder", "open_rig", "open_session", "session_with"]
 

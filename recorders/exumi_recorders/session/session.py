@@ -8,120 +8,44 @@ can be discarded, and what was discarded can be taken back.
 import queue
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from exumi_data.errors import ExumiError
+from exumi_data.errors import ExumiError, UsageError
 from exumi_data.model import Annotations
+from exumi_data.model.calibration import RIG_REFERENCE
 from exumi_recorders.contract import Event
+from exumi_recorders.finalise.context import WORLD_FRAME
+from exumi_recorders.finalise.events import SUCCESS
+from exumi_recorders.finalise.touch import SESSION_REFERENCE
 from exumi_recorders.journal.space import NoRoomError, SpaceLimits, seconds_left
-from exumi_recorders.journal.states import discard, undo_discard
+from exumi_recorders.journal.states import discard, judge, undo_discard
 from exumi_recorders.recording.recorder import Recorded, Recorder
 from exumi_recorders.recording.status import RecordingStatus
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.session.finishing import Finished, Finisher
 from exumi_recorders.session.hooks import HookRunner
 from exumi_recorders.session.labels import TrialCounter
+from exumi_recorders.session.messages import (
+    Command,
+    CommandName,
+    Message,
+    SessionReport,
+    SessionStatus,
+    State,
+)
 from exumi_recorders.session.plan import Calibrated, Plan, episode_document
+from exumi_recorders.session.problems import ProblemTeller
+from exumi_recorders.session.reference import ReferenceTaker
 
-__all__ = ["Command", "Message", "Session", "SessionReport", "SessionStatus"]
-
-CommandName = Literal["start", "stop", "toggle", "discard", "undo", "success", "failure", "quit"]
-State = Literal["waiting", "recording", "ended"]
+__all__ = ["Session"]
 
 _PERIOD_S = 0.1
 _STATUS_S = 0.25
 _UNDO_S = 10.0
 _ROOM_S = 2.0
 _PATIENCE_S = 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class Command:
-    """What somebody wants of a session.
-
-    Attributes
-    ----------
-    name : str
-        ``start``, ``stop``, ``toggle``, ``discard``, ``undo``, ``success``, ``failure``, ``quit``.
-    reason : str
-        Of a discard.
-    """
-
-    name: CommandName
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Message:
-    """Something that happened, for the operator.
-
-    Attributes
-    ----------
-    level : {"info", "warning", "error"}
-    code, text : str
-    episode : str, optional
-        Its id, or the path of what was finished.
-    """
-
-    level: Literal["info", "warning", "error"]
-    code: str
-    text: str
-    episode: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class SessionStatus:
-    """How a session is.
-
-    Attributes
-    ----------
-    state : {"waiting", "recording", "ended"}
-    recording : RecordingStatus
-    kept, discarded : int
-        Episodes so far.
-    finishing : int
-        Journals that are not episodes yet.
-    undecided : bool
-        The last episode can still be discarded.
-    disk_minutes : float
-        For which there is room.
-    next_trial : int or None
-        Of a touch that is labelled.
-    """
-
-    state: State
-    recording: RecordingStatus
-    kept: int
-    discarded: int
-    finishing: int
-    undecided: bool
-    disk_minutes: float
-    next_trial: int | None
-
-
-@dataclass(slots=True)
-class SessionReport:
-    """What a session made.
-
-    Attributes
-    ----------
-    finished : list of Finished
-    discarded : list of pathlib.Path
-        Journals that are tombstones now.
-    left : list of pathlib.Path
-        Journals that are not finished: ``exumi recover`` does it.
-    """
-
-    finished: list[Finished] = field(default_factory=list)
-    discarded: list[Path] = field(default_factory=list)
-    left: list[Path] = field(default_factory=list)
-
-    @property
-    def problems(self) -> list[str]:
-        """What went wrong, in a sentence each."""
-        return [f"{one.journal}: {one.problem}" for one in self.finished if one.problem]
 
 
 @dataclass(slots=True)
@@ -133,13 +57,13 @@ class _Stopped:
 
 
 class Session:
-    """Record episodes with a rig whose devices are open.
+    """Record episodes with a rig. It is there before the devices open, to hear their events.
 
     Parameters
     ----------
     rig : Rig
     recorder : Recorder
-        Open; its `on_event` should lead to `hear`.
+        Open when `run` is called; its `told` should lead to `hear`.
     dataset : pathlib.Path
     plan : Plan
     calibrated : Calibrated
@@ -182,11 +106,15 @@ class Session:
         self._stopped: _Stopped | None = None
         self._kept = 0
         self._next_auto: float | None = time.monotonic() if plan.auto else None
-        self._open_problems: set[tuple[str, str]] = set()
+        self._problems = ProblemTeller(tell)
+        self._hook_problems = 0
         self._room_s = float("inf")
         self._room_at = 0.0
         self._opened = time.monotonic()
         self._flag_device = rig.controls.flag
+        self._world_device = rig.controls.world_frame
+        self._has_world = False
+        self._reference = ReferenceTaker((), recorder.latest_frame)
 
     def command(self, name: CommandName, reason: str = "") -> None:
         """Want something; for any thread and for signal handlers.
@@ -199,7 +127,7 @@ class Session:
         self._commands.put(Command(name, reason))
 
     def hear(self, device: str, event: Event) -> None:
-        """Take an event of a device: the record flag of the one that the rig file names.
+        """Take an event of a device: record flag and world frame of those that the rig file names.
 
         Parameters
         ----------
@@ -208,6 +136,8 @@ class Session:
         """
         if event.name == "record_flag" and device == self._flag_device:
             self.command("start" if event.detail.get("on") else "stop")
+        elif event.name == "world_frame" and device == self._world_device:
+            self._has_world = True
 
     # --------------------------------------------------------------------------------- the session
 
@@ -223,7 +153,19 @@ class Session:
         KeyboardInterrupt
             What is not finished is kept as journals.
         """
-        self._hooks.run("ready")
+        self._opened = time.monotonic()
+        self._hook("ready")
+        self._reference = ReferenceTaker(
+            self._recorder.streams.values(), self._recorder.latest_frame
+        )
+        self._take_references(
+            [
+                name
+                for name in self._reference.streams
+                if f"{RIG_REFERENCE}{name}" not in self._calibrated.items
+            ],
+            nothing_touched=False,
+        )
         shown = 0.0
         try:
             while self._state != "ended":
@@ -250,6 +192,7 @@ class Session:
         try:
             if self._finisher.waiting:
                 self._tell(Message("info", "finishing", "finishing the last episodes ..."))
+                self._show(self._status(self._recorder.status()))
             self._finisher.close()
         except BaseException:
             self._finisher.give_up()
@@ -279,6 +222,8 @@ class Session:
                 self._undo()
             elif name in {"success", "failure"}:
                 self._judge(success=name == "success")
+            elif name == "reference":
+                self._renew_references()
             elif name == "quit":
                 self._state = "ended"
 
@@ -294,17 +239,28 @@ class Session:
                 why = "" if self._plan.duration_s else "it is as long as the rig file allows"
                 self._stop(why)
         elif self._state == "waiting":
+            self._collect_references()
             if self._plan.episodes is not None and self._kept >= self._plan.episodes:
                 self._state = "ended"
             elif self._next_auto is not None and now >= self._next_auto and self._is_ready(now):
                 self._start()
 
     def _is_ready(self, now: float) -> bool:
-        """Whether all streams have begun, or have had time enough to: for who starts by itself."""
+        """Whether all is there, or has had time enough: for episodes that begin by themselves."""
+        if now >= self._opened + _PATIENCE_S:
+            return True
         streams = self._recorder.status().streams
-        return now >= self._opened + _PATIENCE_S or all(
-            stream.rate_hz is not None for stream in streams
+        return (
+            self._lacks_world is None
+            and not self._reference.is_busy
+            and all(stream.rate_hz is not None for stream in streams)
         )
+
+    @property
+    def _lacks_world(self) -> str | None:
+        if self._world_device is None or self._has_world or WORLD_FRAME in self._calibrated.items:
+            return None
+        return f"{self._world_device} has sent no world frame yet: mark the world first"
 
     # ---------------------------------------------------------------------------------- an episode
 
@@ -316,15 +272,20 @@ class Session:
         said = self._plan.labels.annotations(trial)
         document = episode_document(self._rig, self._plan, self._calibrated, said)
         try:
+            if self._lacks_world is not None:
+                raise UsageError(self._lacks_world)
             self._check_room()
             self._recorder.start(self._dataset, document, arrays=self._calibrated.arrays)
         except (ExumiError, OSError) as error:
-            self._next_auto = None
-            self._tell(Message("error", "not_started", f"not recording: {error}"))
-            self._hooks.run("problem")
+            text = f"not recording: {error}"
+            self._tell(Message("error", "not_started", text))
+            self._hook("problem")
+            if self._plan.auto:
+                # Nobody may be there to mend it and to begin again.
+                self._report.not_started, self._state = text, "ended"
             return
         self._state, self._began, self._said = "recording", time.monotonic(), said
-        self._hooks.run("start")
+        self._hook("start")
         trial_text = f", trial {trial}" if said is not None and said.trial else ""
         number = self._kept + 1
         self._tell(
@@ -352,10 +313,12 @@ class Session:
     def _stop(self, why: str) -> None:
         recorded = self._recorder.stop()
         self._state = "waiting"
-        self._stopped = _Stopped(recorded, self._said, time.monotonic() + _UNDO_S)
+        # Episodes that begin by themselves do not wait for the operator's second thoughts.
+        undo_s = self._plan.pause_s if self._plan.auto else _UNDO_S
+        self._stopped = _Stopped(recorded, self._said, time.monotonic() + undo_s)
         if self._plan.auto:
             self._next_auto = time.monotonic() + self._plan.pause_s
-        self._hooks.run("stop")
+        self._hook("stop")
         samples = sum(recorded.samples.values())
         why = recorded.truncated or why
         text = f"stopped after {time.monotonic() - self._began:.1f} s, {samples:,} samples"
@@ -393,7 +356,7 @@ class Session:
             return
         stopped.is_discarded, stopped.until = True, time.monotonic() + _UNDO_S
         self._report.discarded.append(journal)
-        self._hooks.run("discard")
+        self._hook("discard")
         said = f" ({reason})" if reason else ""
         self._tell(
             Message("info", "discarded", f"discarded{said}; undo takes it back", journal.stem)
@@ -414,38 +377,83 @@ class Session:
         self._tell(Message("info", "undone", "taken back", stopped.recorded.journal.stem))
 
     def _judge(self, *, success: bool) -> None:
-        if self._state != "recording":
-            self._tell(Message("warning", "nothing", "success is said while it is recorded"))
+        stopped = self._stopped
+        if self._state == "recording":
+            self._recorder.add_event(SUCCESS, value=success)
+        elif stopped is not None and not stopped.is_discarded:
+            try:
+                judge(stopped.recorded.journal, success=success)
+            except (ExumiError, OSError) as error:
+                self._tell(Message("error", "not_judged", str(error)))
+                return
+        else:
+            self._tell(Message("warning", "nothing", "there is no episode to judge any more"))
             return
-        self._recorder.add_event("success", value=success)
         self._tell(Message("info", "judged", "a success" if success else "a failure"))
+
+    # ------------------------------------------------------------------------------ tactile at rest
+
+    def _take_references(self, streams: Sequence[str], *, nothing_touched: bool) -> None:
+        if not streams:
+            return
+        self._reference.want(streams, nothing_touched=nothing_touched)
+        text = f"taking the reference of {', '.join(streams)}: the fingers must not touch anything"
+        self._tell(Message("info", "reference", text))
+
+    def _renew_references(self) -> None:
+        """Take references because the operator says that nothing is touched."""
+        if self._state != "waiting":
+            text = "a reference is taken between episodes only"
+        elif not self._reference.streams:
+            text = "there is no tactile camera"
+        else:
+            self._take_references(self._reference.streams, nothing_touched=True)
+            return
+        self._tell(Message("warning", "nothing", text))
+
+    def _collect_references(self) -> None:
+        for taken in self._reference.look():
+            if taken.item is None or taken.image is None:
+                text = f"no reference of {taken.stream}: {taken.problem}; r takes it again"
+                self._tell(Message("warning", "no_reference", text))
+                continue
+            name = f"{SESSION_REFERENCE}{taken.stream}"
+            self._calibrated = Calibrated(
+                {**self._calibrated.items, name: taken.item},
+                {**self._calibrated.arrays, name: taken.image},
+            )
+            text = f"reference of {taken.stream} taken; r takes it again, if it was touched"
+            self._tell(Message("info", "reference_taken", text))
 
     # ----------------------------------------------------------------------------- what is watched
 
     def _watch(self, status: RecordingStatus) -> None:
         if self._state == "recording" and status.truncated is not None:
             self._stop("")
-        problems = {(one.where, one.code): one.text for one in status.problems}
-        for key in problems.keys() - self._open_problems:
-            where = f"{key[0]}: " if key[0] else ""
-            self._tell(Message("warning", key[1], f"{where}{problems[key]}"))
-            self._hooks.run("problem")
-        for where, code in self._open_problems - problems.keys():
-            self._tell(Message("info", f"{code}_over", f"{where or 'recorder'}: well again"))
-        self._open_problems = set(problems)
+        for _ in range(self._problems.tell(status.problems)):
+            self._hook("problem")
+        self._show(self._status(status))
+
+    def _status(self, recording: RecordingStatus) -> SessionStatus:
         labelled = self._plan.labels.annotations(1) is not None
-        self._show(
-            SessionStatus(
-                state=self._state,
-                recording=status,
-                kept=self._kept,
-                discarded=len(self._report.discarded),
-                finishing=self._finisher.waiting,
-                undecided=self._stopped is not None and not self._stopped.is_discarded,
-                disk_minutes=self._room_left() / 60,
-                next_trial=self._trials.next_trial(self._plan.labels) if labelled else None,
-            )
+        undecided = self._stopped is not None and not self._stopped.is_discarded
+        trial = self._trials.next_trial(self._plan.labels) + undecided
+        return SessionStatus(
+            state=self._state,
+            recording=recording,
+            kept=self._kept,
+            discarded=len(self._report.discarded),
+            finishing=self._finisher.waiting,
+            undecided=undecided,
+            disk_minutes=self._room_left() / 60,
+            next_trial=trial if labelled else None,
         )
+
+    def _hook(self, name: str) -> None:
+        self._hooks.run(name)
+        for text in self._hooks.problems[self._hook_problems :]:
+            self._hook_problems += 1
+            self._tell(Message("warning", "hook", text))
 
     def _collect(self) -> None:
         for done in _drained(self._finished):
@@ -455,7 +463,9 @@ class Session:
                 self._tell(Message("error", "not_finished", text, done.journal.stem))
             else:
                 damage = f", {done.damages} damages" if done.damages else ""
-                self._tell(Message("info", "kept", f"{done.episode}{damage}", str(done.episode)))
+                self._tell(
+                    Message("info", "kept", f"kept: {done.episode}{damage}", str(done.episode))
+                )
 
 
 def _drained(finished: "queue.SimpleQueue[Finished]") -> Sequence[Finished]:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from exumi_recorders.recording.status import DeviceStatus, StreamStatus
 from exumi_recorders.session.keys import HELP
-from exumi_recorders.session.session import SessionStatus
+from exumi_recorders.session.messages import SessionStatus
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -61,6 +61,8 @@ def _headline(status: SessionStatus) -> Any:
     if status.state == "recording":
         text.append(" REC ", style="bold white on red")
         text.append(f" {status.recording.elapsed_s:6.1f} s  {status.recording.bytes / 1e6:,.0f} MB")
+    elif status.state == "ended":
+        text.append(" ending ", style="bold black on yellow")
     else:
         text.append(" waiting ", style="bold black on green")
     text.append(f"   {status.kept} kept, {status.discarded} discarded")

@@ -89,10 +89,12 @@ def _stream(
         fate = setup.fate(k)
         stamp_ns = setup.stamp_ns(k)
         due_ns = stamp_ns + setup.hand_out_delay_ns
-        # Made before it is due: the time that takes is not the device's latency. One that would
-        # come too late anyway is not made: the next ones are the sooner done.
-        is_late = time.monotonic_ns() - due_ns >= patience_ns
-        file = content(k) if fate != "dropped" and not is_late else b""
+        if time.monotonic_ns() - due_ns >= patience_ns:
+            # So late that the next ones are too: without them, it is in time again.
+            k = max(k + 1, setup.first_frame(time.monotonic_ns()))
+            continue
+        # Made before it is due: the time that takes is not the device's latency.
+        file = content(k) if fate != "dropped" else b""
         wait_ns = due_ns - time.monotonic_ns()
         if wait_ns > 0:
             stop.wait(wait_ns / NS_PER_S)

@@ -271,7 +271,7 @@ def test_the_command_says_what_it_did(dataset: Path) -> None:
     assert dry.exit_code == 0
     assert "19 samples, not finalised; the recorder ended without stopping" in dry.stdout
     assert contents(dataset) == before
-    done = CliRunner().invoke(app, ["recover", str(dataset), "--json"])
+    done = CliRunner().invoke(app, ["recover", str(dataset), "--format", "json"])
     assert done.exit_code == 0
     (one,) = json.loads(done.stdout)["journals"]
     assert one["outcome"] == "finalised"

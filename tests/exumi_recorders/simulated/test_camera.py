@@ -14,13 +14,14 @@ import pytest
 
 from exumi_data.store import jpeg
 from exumi_recorders.contract import DeviceError, DeviceLostError, Sample
-from exumi_recorders.drivers.camera import CameraOptions
+from exumi_recorders.drivers.camera import CameraOptions, Shape
 from exumi_recorders.drivers.camera_profiles import PROFILES, make_camera
 from exumi_recorders.drivers.socket_camera import SocketSource, pack_header
 from exumi_recorders.simulated.camera import serve
 from exumi_recorders.simulated.camera_setup import CameraSetup, PlaySetup
 from exumi_recorders.simulated.pictures import jpeg_of_size, pictures_of
 from exumi_recorders.simulated.schedule import Fate
+from exumi_recorders.simulated.serving import serve_frames
 
 
 def setup(tmp_path: Path, **fields: Any) -> CameraSetup:
@@ -140,6 +141,32 @@ def test_a_reader_that_does_not_keep_up_finds_a_gap(tmp_path: Path) -> None:
         record(device, 60)
         assert device.health().lost["sequence"] > 20
         device.close()
+
+
+def test_pictures_that_take_longer_than_a_period_cost_frames_and_not_time(tmp_path: Path) -> None:
+    camera = setup(tmp_path)
+    file = pictures_of(camera)(0)
+
+    def draw(_: int) -> bytes:
+        time.sleep(0.05)
+        return file
+
+    stop = threading.Event()
+    thread = threading.Thread(target=serve_frames, args=(camera, draw, stop))
+    thread.start()
+    while not Path(camera.socket).exists():
+        time.sleep(0.005)
+    source = SocketSource(camera.socket)
+    source.open(Shape(camera.width, camera.height, Fraction(100)))
+    ages: list[int] = []
+    end = time.monotonic() + 20
+    while len(ages) < 12 and time.monotonic() < end:
+        ages += [time.monotonic_ns() - frame.stamp_ns for frame in source.read(0.5)]
+    source.close()
+    stop.set()
+    thread.join(5)
+    assert len(ages) >= 12
+    assert ages[-1] < 0.15e9
 
 
 def test_what_is_no_frame_ends_the_connection(tmp_path: Path) -> None:
