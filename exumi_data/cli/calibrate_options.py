@@ -10,6 +10,7 @@ from exumi_data.cli.options import Format, given_path
 if TYPE_CHECKING:
     from exumi_data.model.description import CalibrationItem
     from exumi_recorders.calibration.files import Calibration
+    from exumi_recorders.calibration.markers import MarkerSettings
     from exumi_recorders.calibration.timing import Range
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "OutOption",
     "PoseOption",
     "finish",
+    "marker_settings",
     "numbers",
     "range_of",
 ]
@@ -103,6 +105,29 @@ def range_of(text: str | None, option: str) -> "Range | None":
         raise UsageError(
             f"{option} is {text!r}", fix="Give one number, or the lowest and the highest: 1,16."
         ) from None
+
+
+def marker_settings(dictionary: str, number: int, side_mm: float) -> "MarkerSettings":
+    """Return which marker to look for.
+
+    Parameters
+    ----------
+    dictionary : str
+    number : int
+    side_mm : float
+
+    Raises
+    ------
+    UsageError
+        There is no such dictionary or marker.
+    """
+    from exumi_data.errors import UsageError
+    from exumi_recorders.calibration.markers import MarkerSettings
+
+    try:
+        return MarkerSettings(dictionary, number, 1e-3 * side_mm)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
 
 
 def finish(
