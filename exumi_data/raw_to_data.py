@@ -8,11 +8,12 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["KEY", "RawToData", "read_map"]
+__all__ = ["KEY", "RawToData", "read_map", "read_range"]
 
 KEY = "raw_to_data"
 """Where a calibration item's `value` states it."""
 
+_RANGE = "range_m"
 _FEWEST = 2
 
 
@@ -115,6 +116,24 @@ def read_map(value: object) -> RawToData | str | None:
     if any(after <= before for before, after in pairwise(raw)):
         return "has a `raw` that does not ascend"
     return RawToData(np.array(raw), np.array(data))
+
+
+def read_range(value: object) -> tuple[float, float] | None:
+    """Read the range of widths that a calibration holds for out of its item's `value`.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    (float, float) or None
+        Lowest and highest, metres; None where none is stated, or what is stated is no range.
+    """
+    stated = _numbers(value.get(_RANGE)) if isinstance(value, dict) else None
+    if stated is None or len(stated) != 2 or stated[0] > stated[1]:
+        return None
+    return stated[0], stated[1]
 
 
 def _numbers(value: object) -> list[float] | None:

@@ -5,6 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from exumi_data.cli.calibrate_options import (
+    MarkerDictionary,
+    MarkerId,
+    MarkerSize,
+    marker_settings,
+)
 from exumi_data.cli.options import Format, FormatOption, QuietOption, epilog, given_path
 
 if TYPE_CHECKING:
@@ -62,6 +68,18 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         list[str] | None,
         typer.Option(metavar="STREAM", help="Leave a stream of the session out. May be repeated."),
     ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            parser=given_path,
+            metavar="FILE",
+            help="Calibration file with the camera's intrinsics, for clips without a gyroscope. "
+            "Default: those of the session.",
+        ),
+    ] = None,
+    marker: MarkerId = 4,
+    marker_mm: MarkerSize = 60.0,
+    dictionary: MarkerDictionary = "DICT_4X4_50",
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what belongs where, and write nothing.")
     ] = False,
@@ -74,9 +92,10 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
 ) -> None:
     """Attach clips of a camera to the session in which they were filmed: one episode a clip.
 
-    Clips are placed by the camera's gyroscope against the hand's poses; clocks only help where
-    that leaves a doubt. The clip stays as it is, the session's streams are cut, and nothing is
-    decoded. Run it again to go on where it was stopped. Exit code 1 if a clip was left out.
+    Clips are placed by the camera's gyroscope against the hand's poses; those without one, by a
+    sweep before a marker, and only their frames are decoded. Clocks only help where that leaves a
+    doubt. The clip stays as it is, and the session's streams are cut. Run it again to go on where
+    it was stopped. Exit code 1 if a clip was left out.
     """
     from exumi_data.cli.failures import FOUND_WRONG
     from exumi_data.cli.output import print_json, progress_of
@@ -88,6 +107,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         stream=stream,
         margin_s=margin,
         without=tuple(without or ()),
+        calibration=calibration,
+        marker=marker_settings(dictionary, marker, marker_mm),
         dry_run=dry_run,
     )
     with progress_of("Attaching", quiet=quiet) as update:

@@ -12,6 +12,7 @@ from exumi_data.cli.calibrate_options import (
     OutOption,
     PoseOption,
     finish,
+    marker_settings,
     numbers,
 )
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
@@ -76,17 +77,13 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     """Find where the tool, or the camera, is on the hand."""
     from exumi_data.errors import UsageError
     from exumi_recorders.calibration.files import Calibration
-    from exumi_recorders.calibration.markers import MarkerSettings
 
     if (recording is None) == (chain is None):
         raise UsageError("one of an episode and --chain", fix="Give the one that you have.")
     if chain is not None:
         name, item = _chained(chain)
     elif hand_eye and recording is not None:
-        try:
-            settings = MarkerSettings(dictionary, marker, 1e-3 * marker_mm)
-        except ValueError as error:
-            raise UsageError(str(error)) from None
+        settings = marker_settings(dictionary, marker, marker_mm)
         name, item = _seen(recording, out, pose, camera, settings)
     else:
         assert recording is not None  # noqa: S101  # one of the two was given

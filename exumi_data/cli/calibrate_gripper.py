@@ -2,36 +2,46 @@
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exumi_data.cli.calibrate_options import OutOption, finish, numbers
+from exumi_data.cli.calibrate_options import OutOption, RigOption, asked, finish, numbers
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
+
+if TYPE_CHECKING:
+    from exumi_recorders.calibration.gripper import GripperReadings
 
 __all__ = ["EPILOG", "run"]
 
 EPILOG = epilog(
+    "exumi calibrate gripper --rig rig.toml --openings-mm 0,10,20,30,40,50,60,70,80 --out rig.json",
     "exumi calibrate gripper readings.csv --out rig.json",
     "exumi calibrate gripper gripper_calibration.json --out rig.json",
     "exumi calibrate gripper steps.zarr --openings-mm 0,10,20,30,40,50,60,70,80 --out rig.json",
 )
 
 
-def run(  # options of the command line
+def run(  # noqa: PLR0913, PLR0917  # options of the command line
+    out: OutOption,
     readings: Annotated[
-        Path,
+        Path | None,
         typer.Argument(
             parser=given_path,
-            metavar="READINGS",
+            metavar="[READINGS]",
             help="CSV (count, opening_mm), exUMI's JSON, or an episode in which the gripper was "
             "set to openings, one by one.",
         ),
-    ],
-    out: OutOption,
+    ] = None,
+    rig: RigOption = None,
+    device: Annotated[
+        str | None, typer.Option(help="Of a rig: the encoder, if it has several.")
+    ] = None,
     openings_mm: Annotated[
         str | None,
-        typer.Option(help="Of an episode: the openings in their order, divided by commas."),
+        typer.Option(
+            help="Of an episode or a rig: the openings in their order, divided by commas."
+        ),
     ] = None,
     stream: Annotated[str | None, typer.Option(help="Its stream of widths.")] = None,
     unit: Annotated[
@@ -45,35 +55,26 @@ def run(  # options of the command line
 ) -> None:
     """Find the map from encoder counts to openings, from readings at known openings.
 
-    Openings 1 cm apart or less. Counts may run over the encoder's end. What does not go one way,
-    or is too coarse, is refused.
+    With --rig, openings are set and read one by one. Openings 1 cm apart or less. Counts may run
+    over the encoder's end. What does not go one way, or is too coarse, is refused.
     """
-    from exumi_data.episode import open_episode
     from exumi_data.errors import UsageError
     from exumi_recorders.calibration.files import Calibration
-    from exumi_recorders.calibration.gripper import (
-        fit_gripper,
-        gripper_item,
-        read_gripper_file,
-        readings_at_rest,
-    )
-    from exumi_recorders.calibration.recordings import stream_of
+    from exumi_recorders.calibration.gripper import fit_gripper, gripper_item, read_gripper_file
 
-    if openings_mm is None:
-        found = read_gripper_file(readings, unit=unit)
-    else:
+    if (readings is None) == (rig is None):
+        raise UsageError("one of READINGS and --rig", fix="Give the one that you have.")
+    openings = None
+    if openings_mm is not None:
         openings = [1e-3 * value for value in numbers(openings_mm, option="--openings-mm")]
-        with open_episode(readings) as episode:
-            width = stream_of(episode, "width", stream)
-            raw = width.raw
-            if raw is None or raw.dtype.kind not in "iu":
-                raise UsageError(
-                    f"{width.name!r} has no raw counts",
-                    where=readings,
-                    fix="Record the encoder's own values.",
-                )
-            modulus = getattr(getattr(width.metadata, "raw", None), "modulus", None) or 4096
-            found = readings_at_rest(width.time, raw, openings, modulus=modulus)
+    if rig is not None:
+        found = _live(rig, device, openings)
+    elif openings is not None:
+        assert readings is not None  # noqa: S101  # one of the two was given
+        found = _recorded(readings, stream, openings)
+    else:
+        assert readings is not None  # noqa: S101  # likewise
+        found = read_gripper_file(readings, unit=unit)
     fitted = fit_gripper(found, gauge_m=1e-3 * gauge_mm)
     table = [
         {"opening_mm": 1e3 * opening, "count": count, "left_out_mm": _number(1e3 * residual)}
@@ -89,6 +90,41 @@ def run(  # options of the command line
             shown.add_row(*(f"{cell:.1f}" for cell in cells), "" if off is None else f"{off:+.2f}")
         print_table(shown, result_console())
     finish(Calibration({name: gripper_item(fitted)}), out, output, {"readings": table})
+
+
+def _live(rig: str, device: str | None, openings: list[float] | None) -> "GripperReadings":
+    import sys
+
+    from exumi_data.errors import UsageError
+    from exumi_recorders.calibration.live import encoder_of, live_rig, read_openings
+
+    if openings is None:
+        raise UsageError(
+            "which openings are set is not said", fix="Name them: --openings-mm 0,10,20,30"
+        )
+    with live_rig(rig) as started, encoder_of(started, device).opened() as encoder:
+        return read_openings(
+            encoder, openings, asked, lambda text: print(text, file=sys.stderr, flush=True)
+        )
+
+
+def _recorded(path: Path, stream: str | None, openings: list[float]) -> "GripperReadings":
+    from exumi_data.episode import open_episode
+    from exumi_data.errors import UsageError
+    from exumi_recorders.calibration.gripper import readings_at_rest
+    from exumi_recorders.calibration.recordings import stream_of
+
+    with open_episode(path) as episode:
+        width = stream_of(episode, "width", stream)
+        raw = width.raw
+        if raw is None or raw.dtype.kind not in "iu":
+            raise UsageError(
+                f"{width.name!r} has no raw counts",
+                where=path,
+                fix="Record the encoder's own values.",
+            )
+        modulus = getattr(getattr(width.metadata, "raw", None), "modulus", None) or 4096
+        return readings_at_rest(width.time, raw, openings, modulus=modulus)
 
 
 def _number(value: float) -> float | None:

@@ -13,6 +13,7 @@ from exumi_data.cli.calibrate_options import (
     OutOption,
     PoseOption,
     finish,
+    marker_settings,
     range_of,
 )
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
@@ -97,13 +98,9 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     from exumi_data.errors import UsageError
     from exumi_recorders.calibration.files import Calibration
     from exumi_recorders.calibration.items import LATENCY
-    from exumi_recorders.calibration.markers import MarkerSettings
     from exumi_recorders.calibration.sweep import SweepLimits, estimate_sweep, latency_item
 
-    try:
-        settings = MarkerSettings(dictionary, marker, 1e-3 * marker_mm)
-    except ValueError as error:
-        raise UsageError(str(error)) from None
+    settings = marker_settings(dictionary, marker, marker_mm)
     if end is not None and video is not None:
         raise UsageError("--end and --video exclude each other", fix="Calibrate each by itself.")
     ranges = [

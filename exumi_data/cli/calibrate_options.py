@@ -10,6 +10,7 @@ from exumi_data.cli.options import Format, given_path
 if TYPE_CHECKING:
     from exumi_data.model.description import CalibrationItem
     from exumi_recorders.calibration.files import Calibration
+    from exumi_recorders.calibration.markers import MarkerSettings
     from exumi_recorders.calibration.timing import Range
 
 __all__ = [
@@ -19,7 +20,10 @@ __all__ = [
     "MarkerSize",
     "OutOption",
     "PoseOption",
+    "RigOption",
+    "asked",
     "finish",
+    "marker_settings",
     "numbers",
     "range_of",
 ]
@@ -39,11 +43,46 @@ EpisodeArgument = Annotated[
 PoseOption = Annotated[
     str | None, typer.Option("--pose", help="Stream of poses. Default: the only one.")
 ]
+RigOption = Annotated[
+    str | None,
+    typer.Option(
+        "--rig",
+        metavar="FILE",
+        help="Read the devices of this rig file now (or: simulated), in place of a recording.",
+    ),
+]
 MarkerId = Annotated[int, typer.Option("--marker", min=0, help="Id of the ArUco marker.")]
 MarkerSize = Annotated[
     float, typer.Option("--marker-mm", min=1, help="Edge of its black square, mm.")
 ]
 MarkerDictionary = Annotated[str, typer.Option("--dictionary", help="Its dictionary, in OpenCV.")]
+
+
+def asked(text: str) -> str:
+    """Tell the operator what to do, on stderr, and return the line that is typed when it is done.
+
+    Parameters
+    ----------
+    text : str
+
+    Raises
+    ------
+    UsageError
+        The input has ended.
+    """
+    import sys
+
+    from exumi_data.errors import UsageError
+
+    print(text, end="", file=sys.stderr, flush=True)
+    line = sys.stdin.readline()
+    if not line:
+        print(file=sys.stderr)
+        raise UsageError(
+            "the input ended before all was read; nothing was written",
+            fix="Run it in a terminal, or send a line for each step.",
+        )
+    return line.strip().lower()
 
 
 def numbers(text: str, *, count: int | None = None, option: str) -> list[float]:
@@ -103,6 +142,29 @@ def range_of(text: str | None, option: str) -> "Range | None":
         raise UsageError(
             f"{option} is {text!r}", fix="Give one number, or the lowest and the highest: 1,16."
         ) from None
+
+
+def marker_settings(dictionary: str, number: int, side_mm: float) -> "MarkerSettings":
+    """Return which marker to look for.
+
+    Parameters
+    ----------
+    dictionary : str
+    number : int
+    side_mm : float
+
+    Raises
+    ------
+    UsageError
+        There is no such dictionary or marker.
+    """
+    from exumi_data.errors import UsageError
+    from exumi_recorders.calibration.markers import MarkerSettings
+
+    try:
+        return MarkerSettings(dictionary, number, 1e-3 * side_mm)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
 
 
 def finish(

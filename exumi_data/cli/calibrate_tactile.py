@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exumi_data.cli.calibrate_options import OutOption, finish, numbers
+from exumi_data.cli.calibrate_options import OutOption, RigOption, asked, finish, numbers
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
 if TYPE_CHECKING:
@@ -20,15 +20,19 @@ if TYPE_CHECKING:
 __all__ = ["EPILOG", "run"]
 
 EPILOG = epilog(
+    "exumi calibrate tactile --rig rig.toml --out rig.json",
     "exumi calibrate tactile rest.zarr --stream tactile_left --out rig.json",
     "exumi calibrate tactile play.zarr --stream tactile_left --has-contact --out rig.json",
     "exumi calibrate tactile --stream tactile_left --ninedtact sensor_1 --out rig.json",
 )
 
 
-def run(  # options of the command line
+def run(  # noqa: PLR0913, PLR0917  # options of the command line
     out: OutOption,
-    stream: Annotated[str, typer.Option(help="The tactile stream that it is about.")],
+    stream: Annotated[
+        str | None,
+        typer.Option(help="The tactile stream that it is about. Default with --rig: all."),
+    ] = None,
     recording: Annotated[
         Path | None,
         typer.Argument(
@@ -37,6 +41,7 @@ def run(  # options of the command line
             help="An episode, or a folder of images, in which nothing is touched.",
         ),
     ] = None,
+    rig: RigOption = None,
     has_contact: Annotated[
         bool,
         typer.Option("--has-contact", help="There is contact: select quiet frames."),
@@ -59,8 +64,35 @@ def run(  # options of the command line
 ) -> None:
     """Capture a finger's reference without contact; import its rectification, depth and scale."""
     from exumi_data.errors import UsageError
-    from exumi_recorders.calibration import tactile
     from exumi_recorders.calibration.files import merge
+
+    if recording is not None and rig is not None:
+        raise UsageError("a recording and --rig exclude each other", fix="Give one of them.")
+    parts: dict[str, Calibration] = {}
+    if stream is not None:
+        parts = _of_stream(stream, recording, ninedtact, crop, mm_per_px, has_contact=has_contact)
+    elif recording is not None or ninedtact is not None or mm_per_px is not None:
+        raise UsageError("which sensor it is about is not said", fix="Name it with --stream.")
+    if rig is not None:
+        parts["reference"] = _live(rig, stream)
+    if not parts:
+        raise UsageError(
+            "nothing to calibrate from",
+            fix="Give a recording, --rig, --ninedtact or --mm-per-px.",
+        )
+    finish(merge(parts), out, output)
+
+
+def _of_stream(  # what a user says of a sensor
+    stream: str,
+    recording: Path | None,
+    ninedtact: Path | None,
+    crop: str | None,
+    mm_per_px: str | None,
+    *,
+    has_contact: bool,
+) -> "dict[str, Calibration]":
+    from exumi_recorders.calibration import tactile
 
     parts: dict[str, Calibration] = {}
     if recording is not None:
@@ -72,11 +104,17 @@ def run(  # options of the command line
     if mm_per_px is not None:
         across, down = numbers(mm_per_px, count=2, option="--mm-per-px")
         parts["scale"] = tactile.scale((across, down), stream, method="given by the operator")
-    if not parts:
-        raise UsageError(
-            "nothing to calibrate from", fix="Give a recording, --ninedtact or --mm-per-px."
-        )
-    finish(merge(parts), out, output)
+    return parts
+
+
+def _live(rig: str, stream: str | None) -> "Calibration":
+    from exumi_recorders.calibration.live import capture_references, live_rig, tactile_of
+
+    with live_rig(rig) as started:
+        ports = tactile_of(started, stream)
+        names = ", ".join(port.stream for port in ports)
+        asked(f"nothing may touch the fingers ({names}); then Enter: ")
+        return capture_references(ports)
 
 
 def _imported(folder: Path, stream: str, crop: str | None) -> "dict[str, Calibration]":

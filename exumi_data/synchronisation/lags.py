@@ -22,6 +22,7 @@ _LEAST_OVERLAP = 0.5
 # Longer than this many median periods is a gap, across which nothing is interpolated.
 _GAP_PERIODS = 3.5
 _MOST_CORRELATION = 0.98
+_SLOPE_REACH_NS = 20_000_000
 # Of the columns' length: keeps a curve that does not move from making the equations singular.
 _RIDGE = 1e-10
 
@@ -166,21 +167,34 @@ class Curves:
         if fit is None or found is None:
             return None
         columns, valid = found
-        slope = np.asarray(np.gradient(self.b, self.time_b_ns * 1e-9, axis=0))
-        moving = (self._at(slope, lag_s)[0] @ fit.gains)[valid]
+        moving = (self._at(self._slope(), lag_s)[0] @ fit.gains)[valid]
         # What the gains, the offset and the trend could make up for tells nothing of the lag.
         moving -= columns @ _least_squares(columns, moving)
         left = fit.left[valid]
-        power = np.mean(left**2, axis=0)
+        # Every column that is fitted takes a part of the noise along.
+        free = max(len(left) - columns.shape[1], 1)
+        power = np.sum(left**2, axis=0) / free
         known = power > 0
         if not known.any():
             return 0.0 if float(np.sum(moving**2)) > 0 else None
         # Errors that follow each other count as fewer.
-        alike = np.mean(left[1:] * left[:-1], axis=0)[known] / power[known]
+        alike = np.sum(left[1:] * left[:-1], axis=0)[known] / (free * power[known])
         alike = np.clip(alike, 0.0, _MOST_CORRELATION)
         strength = np.sum(moving**2, axis=0)[known] / power[known]
         told = float(np.sum(strength * (1.0 - alike) / (1.0 + alike)))
         return 1.0 / float(np.sqrt(told)) if told > 0 else None
+
+    def _slope(self) -> Float64Array:
+        """Return how fast the second curves move, (M, K), by differences over a short time.
+
+        From one sample to the next, noise would pass for motion that tells of the lag.
+        """
+        period_ns = float(np.median(np.diff(self.time_b_ns)))
+        reach = max(1, round(_SLOPE_REACH_NS / max(period_ns, 1.0)))
+        at = np.arange(len(self.b))
+        low, high = np.maximum(at - reach, 0), np.minimum(at + reach, len(at) - 1)
+        span_s = (self.time_b_ns[high] - self.time_b_ns[low]) * 1e-9
+        return np.asarray((self.b[high] - self.b[low]) / span_s[:, None], np.float64)
 
 
 def _least_squares(columns: Float64Array, wanted: Float64Array) -> Float64Array:

@@ -19,10 +19,12 @@ from exumi_recorders.attach.placing import (
     place,
     still,
 )
+from exumi_recorders.attach.sweep_search import SessionPoses, place_sweep
+from exumi_recorders.calibration.sweep import MarkerTrack
 
 __all__ = ["Candidate", "CommonClock", "Match", "match_clips"]
 
-_NO_GYRO = "it has no gyroscope; sweep a marker before the camera: exumi calibrate latency"
+_NO_GYRO = "it has no gyroscope"
 _SURE = 0.9
 _LIKELY = 0.6
 # How much more the next best place has to leave unexplained: demonstrations of a task are alike.
@@ -54,6 +56,9 @@ class Candidate:
         When it began by the camera's clock, seconds of some day.
     number : tuple of int or None
         The camera's own count.
+    marker : MarkerTrack, str or None
+        Of a clip without a gyroscope, the sweep that it shows, on the clip's own clock; or why
+        there is none.
     """
 
     name: str
@@ -62,6 +67,7 @@ class Candidate:
     stop_ns: int
     clock_s: float | None = None
     number: tuple[int, int] | None = None
+    marker: MarkerTrack | str | None = None
 
 
 @dataclass(slots=True)
@@ -135,7 +141,7 @@ class CommonClock:
 
 
 def match_clips(
-    session: Turning, clips: Sequence[Candidate]
+    session: Turning, clips: Sequence[Candidate], poses: SessionPoses | None = None
 ) -> tuple[list[Match], CommonClock | None]:
     """Place clips in a session.
 
@@ -143,6 +149,8 @@ def match_clips(
     ----------
     session : Turning
     clips : sequence of Candidate
+    poses : SessionPoses, optional
+        Of the session: what clips without a gyroscope are placed by.
 
     Returns
     -------
@@ -156,7 +164,7 @@ def match_clips(
         reason = "the session's poses say nothing"
         return [Match(clip, reason=reason) for clip in clips], None
     curve = SessionCurve(session, longest)
-    matches = [_alone(curve, clip) for clip in clips]
+    matches = [_alone(curve, clip) if clip.turning else _by_sweep(poses, clip) for clip in clips]
     _refuse_worse(matches)
     clock = _common_clock(matches)
     taken = [(match.start_ns, match.stop_ns) for match in _placed(matches)]
@@ -177,8 +185,7 @@ def len_s(turning: Turning) -> float:
 
 def _alone(curve: SessionCurve, clip: Candidate) -> Match:
     """Place a clip by itself, if that leaves no doubt."""
-    if clip.turning is None:
-        return Match(clip, reason=_NO_GYRO)
+    assert clip.turning is not None  # noqa: S101  # the caller looked
     silent = still(clip.turning)
     if silent:
         return Match(clip, reason=silent)
@@ -195,6 +202,16 @@ def _alone(curve: SessionCurve, clip: Candidate) -> Match:
     else:
         _refine(curve, match, fit, _SURE)
     return match
+
+
+def _by_sweep(poses: SessionPoses | None, clip: Candidate) -> Match:
+    """Place a clip without a gyroscope by the sweep that it shows."""
+    if poses is None or not isinstance(clip.marker, MarkerTrack):
+        return Match(clip, reason=clip.marker if isinstance(clip.marker, str) else _NO_GYRO)
+    found = place_sweep(poses, clip.marker)
+    if isinstance(found, str):
+        return Match(clip, reason=found)
+    return Match(clip, placement=found)
 
 
 def _refine(curve: SessionCurve, match: Match, fit: Fit, least: float) -> None:
@@ -215,11 +232,12 @@ def _refine(curve: SessionCurve, match: Match, fit: Fit, least: float) -> None:
 
 def _refuse_worse(matches: Sequence[Match]) -> None:
     """Refuse the clips that fit much worse than most of the certain ones do."""
-    left = [1.0 - m.placement.correlation for m in _placed(matches) if m.placement and not m.again]
+    by_gyro = [match for match in _placed(matches) if match.fit is not None]
+    left = [1.0 - m.placement.correlation for m in by_gyro if m.placement and not m.again]
     if len(left) < _LEAST_CLOCKS:
         return
     limit = max(_NOT_WELL, _WORSE * float(np.median(left)))
-    for match in list(_placed(matches)):
+    for match in by_gyro:
         if match.placement is not None and 1.0 - match.placement.correlation > limit:
             match.refuse(
                 f"it fits much worse than the others do (correlation "

@@ -10,12 +10,15 @@ from exumi_data.synchronisation import search_lag
 from exumi_recorders.attach.correlation import Sampled, SlidingCorrelation, sampled
 from exumi_recorders.attach.motion import SPAN_S, Turning
 
-__all__ = ["METHOD", "Fit", "Placement", "SessionCurve", "place", "still"]
+__all__ = ["CAMERA_SIGMA_S", "METHOD", "Fit", "Placement", "SessionCurve", "place", "still"]
 
 Float64Array = NDArray[np.float64]
 Allowed = Callable[[NDArray[np.int64]], NDArray[np.bool_]]
 
 METHOD = "exumi-gyro-match/1"
+CAMERA_SIGMA_S = 5e-3
+"""How well a camera's pictures are in step with its gyroscope: their exposure and readout are not
+known. Taken to be so, not measured."""
 
 # What turns faster counts for little more: a tracker that jumps must not outweigh the motion.
 _FAST_RAD_PER_S = 3.0
@@ -83,6 +86,10 @@ class Placement:
         The largest difference of one of them from the whole.
     agrees : bool
         Whether that is within what they claim.
+    method : str
+        How it was found.
+    camera_sigma_s : float
+        How well it is known when the camera's pictures saw what was compared.
     """
 
     offset_ns: int
@@ -94,6 +101,8 @@ class Placement:
     parts: int
     disagreement_s: float
     agrees: bool
+    method: str = METHOD
+    camera_sigma_s: float = CAMERA_SIGMA_S
 
     def to_session(self, clip_ns: int) -> int:
         """Return the session's time of a time of the clip."""

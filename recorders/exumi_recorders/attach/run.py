@@ -8,19 +8,22 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
+from pydantic import ValidationError
 
 from exumi_data._version import __version__
 from exumi_data.episode import Episode, open_episode
-from exumi_data.errors import ExumiError, UsageError
+from exumi_data.errors import ExumiError, MetadataError, UsageError
 from exumi_data.model import UNKNOWN_LICENCE, DatasetMetadata, MadeBy
 from exumi_data.model.base import STREAM_NAME
-from exumi_data.store.shards import open_array
+from exumi_data.model.calibration import INTRINSICS, Intrinsics
+from exumi_data.model.documents import problems_of
 from exumi_recorders.attach.clips import Clip, find_clips, list_frames, read_clip
 from exumi_recorders.attach.destination import Destination, opened
+from exumi_recorders.attach.marker_clips import find_sweep
 from exumi_recorders.attach.matching import Candidate, Match, match_clips
 from exumi_recorders.attach.missing import skipped_numbers, uncovered
 from exumi_recorders.attach.motion import Turning, of_gyro, of_pose_stream
+from exumi_recorders.attach.poses import PoseReader
 from exumi_recorders.attach.report import AttachReport, ClipReport, MissingReport, Status
 from exumi_recorders.attach.sessions import find_sessions, pose_stream
 from exumi_recorders.attach.writing import (
@@ -30,11 +33,18 @@ from exumi_recorders.attach.writing import (
     offset_sigma_s,
     write_episode,
 )
+from exumi_recorders.calibration.files import read_calibration
+from exumi_recorders.calibration.markers import MarkerSettings
+from exumi_recorders.calibration.sweep import MarkerTrack
 
 __all__ = ["AttachOptions", "attach"]
 
 _MOST_SESSION_S = 48 * 3600.0
 _NAME = re.compile(STREAM_NAME)
+_NO_INTRINSICS = (
+    "it has no gyroscope, and is not searched for a sweep before a marker: no intrinsics/{0.stream}"
+    " says how its camera sees (exumi calibrate camera, then --calibration FILE)"
+)
 
 OnProgress = Callable[[str, int, int], None]
 
@@ -55,6 +65,11 @@ class AttachOptions:
         How much of the session is kept before and after each clip, seconds.
     without : tuple of str
         Streams of the session to leave out.
+    calibration : pathlib.Path or None
+        A calibration file with the camera's intrinsics, by which clips without a gyroscope are
+        placed. Default: what the session says.
+    marker : MarkerSettings
+        What was swept past in those clips.
     dry_run : bool
         Write nothing.
     durable : bool
@@ -66,6 +81,8 @@ class AttachOptions:
     stream: str = "rgb"
     margin_s: float = 0.5
     without: tuple[str, ...] = ()
+    calibration: Path | None = None
+    marker: MarkerSettings = field(default_factory=MarkerSettings)
     dry_run: bool = False
     durable: bool = True
 
@@ -77,6 +94,7 @@ class _Session:
     episode: Episode
     pose: str
     turning: Turning
+    poses: PoseReader
     matches: list[Match] = field(default_factory=list)
 
 
@@ -90,8 +108,9 @@ def attach(
 ) -> AttachReport:
     """Cut a session into one episode a clip, the clip verbatim in each.
 
-    A clip is placed by its camera's gyroscope against the hand's poses. What is not certain is
-    refused, with the reason. Run again, it goes on where it was stopped.
+    A clip is placed by its camera's gyroscope against the hand's poses; one without, by a sweep
+    before a marker. What is not certain is refused, with the reason. Run again, it goes on where it
+    was stopped.
 
     Parameters
     ----------
@@ -133,7 +152,7 @@ def attach(
             for path in find_sessions(session, options.sessions, options.stream)
         ]
         read, failed = _read_clips(source, tell)
-        left = _match(sessions, read)
+        left = _match(sessions, _candidates(read, sessions, options, tell), read)
         notices = _notices(sessions)
         if options.dry_run:
             placed = [_report(*found, "placed") for found in _placed(sessions, read)]
@@ -176,10 +195,8 @@ def _open_session(path: Path, options: AttachOptions, stack: ExitStack) -> _Sess
             where=path,
         )
 
-    def rows(name: str, first: int, last: int) -> np.ndarray:
-        return open_array(episode.store, f"streams/{pose.name}/{name}").rows(first, last)
-
-    return _Session(episode, pose.name, of_pose_stream(pose, rows))
+    poses = PoseReader(episode, pose)
+    return _Session(episode, pose.name, of_pose_stream(pose, poses.rows), poses)
 
 
 def _read_clips(source: Path, tell: OnProgress) -> tuple[dict[str, Clip], list[ClipReport]]:
@@ -196,12 +213,13 @@ def _read_clips(source: Path, tell: OnProgress) -> tuple[dict[str, Clip], list[C
     return read, failed
 
 
-def _match(sessions: Sequence[_Session], clips: dict[str, Clip]) -> list[ClipReport]:
+def _match(
+    sessions: Sequence[_Session], todo: list[Candidate], clips: dict[str, Clip]
+) -> list[ClipReport]:
     """Place every clip in the first session that it fits; report those that fit none."""
-    todo = [_candidate(clip) for clip in clips.values()]
     reasons: dict[str, list[str]] = {name: [] for name in clips}
     for session in sessions:
-        session.matches, _ = match_clips(session.turning, todo)
+        session.matches, _ = match_clips(session.turning, todo, session.poses)
         for match in session.matches:
             where = f"{session.episode.id}: " if len(sessions) > 1 else ""
             if match.placement is None:
@@ -218,15 +236,54 @@ def _match(sessions: Sequence[_Session], clips: dict[str, Clip]) -> list[ClipRep
     ]
 
 
-def _candidate(clip: Clip) -> Candidate:
-    return Candidate(
-        name=clip.name,
-        turning=None if clip.gyro is None else of_gyro(clip.gyro),
-        start_ns=0,
-        stop_ns=round(clip.duration_s * 1e9),
-        clock_s=clip.clock_s,
-        number=clip.number,
-    )
+def _candidates(
+    clips: dict[str, Clip], sessions: Sequence[_Session], options: AttachOptions, tell: OnProgress
+) -> list[Candidate]:
+    """Return what clips are placed by; the frames of those without a gyroscope are looked at."""
+    silent = [name for name, clip in clips.items() if clip.gyro is None]
+    camera = _camera(sessions, options) if silent else None
+    markers: dict[str, MarkerTrack | str] = dict.fromkeys(silent, _NO_INTRINSICS.format(options))
+    for done, name in enumerate(silent if camera else ()):
+        tell("Looking for sweeps", done, len(silent))
+        assert camera is not None  # noqa: S101  # there would be nothing to go through
+        markers[name] = find_sweep(clips[name].path, camera, options.marker)
+    return [
+        Candidate(
+            name=name,
+            turning=None if clip.gyro is None else of_gyro(clip.gyro),
+            start_ns=0,
+            stop_ns=round(clip.duration_s * 1e9),
+            clock_s=clip.clock_s,
+            number=clip.number,
+            marker=markers.get(name),
+        )
+        for name, clip in clips.items()
+    ]
+
+
+def _camera(sessions: Sequence[_Session], options: AttachOptions) -> Intrinsics | None:
+    """Return how the clips' camera sees: by the file that is named, else by the first session."""
+    name = INTRINSICS + options.stream
+    if options.calibration is not None:
+        items = read_calibration(options.calibration).items
+        if name not in items:
+            raise UsageError(f"has no {name}", where=options.calibration)
+        return _intrinsics(items[name].value, options.calibration)
+    for session in sessions:
+        item = session.episode.metadata.calibration.get(name)
+        if item is not None:
+            return _intrinsics(item.value, session.episode.path)
+    return None
+
+
+def _intrinsics(value: object, where: object) -> Intrinsics:
+    try:
+        return Intrinsics.model_validate(value)
+    except ValidationError as error:
+        raise MetadataError(
+            f"its intrinsics are none: {'; '.join(text for text, _ in problems_of(error))}",
+            where=where,
+        ) from None
 
 
 def _placed(

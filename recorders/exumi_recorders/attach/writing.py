@@ -32,9 +32,6 @@ __all__ = ["TOOL", "Attachment", "describe", "episode_id", "offset_sigma_s", "wr
 TOOL = "exumi attach"
 _CONVERTER = "attach/1"
 _MARGIN_SHORT_NS = 100_000_000
-CAMERA_SIGMA_S = 5e-3
-"""How well a camera's pictures are in step with its gyroscope: their exposure and readout are not
-known. Taken to be so, not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +91,7 @@ def offset_sigma_s(pose: StreamView, clip: Clip, placement: Placement) -> float:
     """
     latency = (pose.metadata.clock.latency_sigma_ns or 0.0) * 1e-9
     gyro = clip.gyro.sigma_s if clip.gyro else 0.0
-    return math.hypot(placement.sigma_s, gyro, CAMERA_SIGMA_S, latency)
+    return math.hypot(placement.sigma_s, gyro, placement.camera_sigma_s, latency)
 
 
 def episode_id(session: Episode, clip_sha256: str) -> str:
@@ -136,7 +133,7 @@ def describe(attachment: Attachment) -> EpisodeMetadata:
     metadata.start = later(parent.start, stretch.origin_ns)
     metadata.annotations = cut_annotations(parent.annotations, stretch)
     settings: dict[str, Any] = {
-        "method": METHOD,
+        "method": placement.method,
         "pose": attachment.pose,
         "stream": attachment.stream,
         "margin_ns": attachment.margin_ns,
@@ -238,10 +235,7 @@ def _write_clip(attachment: Attachment, writer: EpisodeWriter) -> None:
             offset_sigma_ns=round(1e9 * offset_sigma_s(pose, attachment.clip, placement)),
             drift_ppm=placement.drift_ppm,
             drift_sigma_ppm=placement.drift_sigma_ppm,
-            method=f"{METHOD}: angular speed of the camera's gyroscope against "
-            f"{attachment.pose!r}, correlation {placement.correlation:.3f}; by itself "
-            f"{placement.sigma_s * 1e3:.2f} ms; the camera's pictures are taken to be in step with "
-            f"its gyroscope to {CAMERA_SIGMA_S * 1e3:g} ms",
+            method=_method(attachment),
         ),
         images=VideoImages(
             encoding="video",
@@ -253,6 +247,20 @@ def _write_clip(attachment: Attachment, writer: EpisodeWriter) -> None:
         sensor=_sensor(attachment.clip),
     )
     stream.append_file(attachment.clip.path, frames.file, pts=frames.pts, keyframe=frames.keyframe)
+
+
+def _method(attachment: Attachment) -> str:
+    placement, pose = attachment.placement, attachment.pose
+    compared = "where a marker is in its frames"
+    taken = "when its frames saw it is known"
+    if placement.method == METHOD:
+        compared = "angular speed of the camera's gyroscope"
+        taken = "the camera's pictures are taken to be in step with its gyroscope"
+    return (
+        f"{placement.method}: {compared} against {pose!r}, correlation "
+        f"{placement.correlation:.3f}; by itself {placement.sigma_s * 1e3:.2f} ms; {taken} to "
+        f"{placement.camera_sigma_s * 1e3:.2g} ms"
+    )
 
 
 def _sensor(clip: Clip) -> Sensor | None:

@@ -23,15 +23,14 @@ from exumi_data.model.description import CalibrationItem, QualityNote
 from exumi_data.model.documents import dump
 from exumi_data.model.images import VideoImages
 from exumi_data.model.streams import TactileStream, WidthStream, images_of
-from exumi_data.raw_to_data import RawToData, read_map
 from exumi_data.standard import flags, units
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.time import apply_clock, strictly_increasing
 from exumi_recorders.calibration.files import Calibration
-from exumi_recorders.calibration.gripper import WIDTH_MAP
 from exumi_recorders.calibration.items import LATENCY
 from exumi_recorders.calibration.recordings import fitting
 from exumi_recorders.calibration.tactile import DEPTH_TABLE, SCALE
+from exumi_recorders.finalise.widths import WIDTH_MAP, WidthMap, read_width_map
 
 __all__ = ["NOTE", "Applied", "apply_calibration", "named"]
 
@@ -311,20 +310,19 @@ def _remapped(stream: StreamView, wanted: dict[str, CalibrationItem], plan: _Pla
     if name not in wanted:
         return
     item = wanted[name]
-    stated = read_map(item.value)
-    if not isinstance(stated, RawToData):
-        plan.left_out[name] = f"its raw_to_data {stated}" if stated else "it states no raw_to_data"
+    stated = read_width_map(item.value)
+    if not isinstance(stated, WidthMap):
+        plan.left_out[name] = stated
         del wanted[name]
         return
     modulus = described.modulus or (item.value.get("modulus") if item.value else None)
-    width, inside = stated.held(raw, modulus)
-    data = width.astype(np.float32)
+    data, outside = stated.widths(raw, modulus)
     changed: dict[str, np.ndarray] = {}
     if not np.array_equal(data, stream.data):
         changed["data"] = data
         # Flags may have been changed with the times already.
         before = plan.arrays.get(stream.name, {}).get("flags")
-        changed.update(_marked(stream, "out_of_range", ~inside))
+        changed.update(_marked(stream, "out_of_range", outside))
         if before is not None and "flags" in changed:
             nudged = np.uint32(flags()["time_nudged"].mask)
             changed["flags"] = (changed["flags"] & ~nudged) | (before & nudged)

@@ -26,7 +26,6 @@ from exumi_recorders.calibration.items import CalibrationRefusedError
 
 __all__ = [
     "GRIPPER_METHOD",
-    "WIDTH_MAP",
     "GripperMap",
     "GripperReadings",
     "fit_gripper",
@@ -37,8 +36,6 @@ __all__ = [
 ]
 
 GRIPPER_METHOD = "exumi-gripper-pchip/1"
-WIDTH_MAP = "width_map"
-"""Name of the calibration item, where a rig has one gripper."""
 
 _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 # Travel of a gripper, metres: openings in another unit than was said are found by it.

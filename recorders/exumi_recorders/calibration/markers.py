@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -13,7 +13,15 @@ from exumi_data.camera import matrix
 from exumi_data.model.calibration import Intrinsics
 from exumi_recorders.calibration.sweep import MarkerTrack
 
-__all__ = ["MarkerFinder", "MarkerSettings", "dictionary_names", "track_marker"]
+__all__ = [
+    "MarkerFinder",
+    "MarkerSettings",
+    "MarkerView",
+    "as_track",
+    "dictionary_names",
+    "marker_views",
+    "track_marker",
+]
 
 Float64Array = NDArray[np.float64]
 UInt8Array = NDArray[np.uint8]
@@ -147,6 +155,78 @@ class MarkerFinder:
         return np.asarray(made, np.float64).reshape(-1, 1, 2)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkerView:
+    """The marker in one frame.
+
+    Attributes
+    ----------
+    time_ns : int
+        Of the frame.
+    pose : (4, 4) float64
+        ``T_camera_marker``, metres.
+    row : float
+        In which row of the frame its middle is: 0 the first, 1 the last.
+    """
+
+    time_ns: int
+    pose: Float64Array
+    row: float
+
+
+def marker_views(
+    frames: Iterable[tuple[int, UInt8Array]], camera: Intrinsics, settings: MarkerSettings
+) -> Iterator[tuple[int, MarkerView | None]]:
+    """Look for a marker in frames, one after the other.
+
+    Parameters
+    ----------
+    frames : iterable of (int, (H, W[, C]) uint8)
+        Time, ns, and frame. One is held at a time.
+    camera : Intrinsics
+    settings : MarkerSettings
+
+    Yields
+    ------
+    int
+        The frame's time.
+    MarkerView or None
+        None where it is not found.
+
+    Raises
+    ------
+    ValueError
+        The frames are not of the camera's size.
+    """
+    finder = MarkerFinder(camera, settings)
+    for time_ns, frame in frames:
+        found = finder.find(frame)
+        if found is None:
+            yield time_ns, None
+            continue
+        pose, corners = found
+        row = float(corners[:, 1].mean()) / max(frame.shape[0] - 1, 1)
+        yield time_ns, MarkerView(time_ns, pose, row)
+
+
+def as_track(views: Sequence[MarkerView], frames: int) -> MarkerTrack:
+    """Put the views of a marker together.
+
+    Parameters
+    ----------
+    views : sequence of MarkerView
+        In the order of time.
+    frames : int
+        How many frames were looked at.
+    """
+    return MarkerTrack(
+        np.array([view.time_ns for view in views], np.int64),
+        np.array([view.pose[:3, 3] for view in views], np.float64).reshape(-1, 3),
+        np.array([view.row for view in views], np.float64),
+        frames,
+    )
+
+
 def track_marker(
     frames: Iterable[tuple[int, UInt8Array]], camera: Intrinsics, settings: MarkerSettings
 ) -> tuple[MarkerTrack, Float64Array]:
@@ -170,22 +250,10 @@ def track_marker(
     ValueError
         The frames are not of the camera's size.
     """
-    finder = MarkerFinder(camera, settings)
-    times: list[int] = []
-    poses: list[Float64Array] = []
-    rows: list[float] = []
-    count = 0
-    for time_ns, frame in frames:
+    count, views = 0, []
+    for _, view in marker_views(frames, camera, settings):
         count += 1
-        found = finder.find(frame)
-        if found is None:
-            continue
-        pose, corners = found
-        times.append(time_ns)
-        poses.append(pose)
-        rows.append(float(corners[:, 1].mean()) / max(frame.shape[0] - 1, 1))
-    stacked = np.array(poses, np.float64).reshape(-1, 4, 4)
-    track = MarkerTrack(
-        np.array(times, np.int64), stacked[:, :3, 3], np.array(rows, np.float64), count
-    )
-    return track, stacked
+        if view is not None:
+            views.append(view)
+    poses = np.array([view.pose for view in views], np.float64).reshape(-1, 4, 4)
+    return as_track(views, count), poses

@@ -27,6 +27,7 @@ __all__ = [
     "camera_times",
     "clip_frames",
     "clip_intrinsics",
+    "clip_size",
     "fitting",
     "frames_of",
     "intrinsics_for",
@@ -207,8 +208,6 @@ def clip_intrinsics(path: Path, calibration: Calibration | None, name: str) -> I
     SourceError
         The clip is no video.
     """
-    from exumi_data.store.video import VideoDecoder
-
     if calibration is None or name not in calibration.items:
         raise UsageError(
             f"the calibration file has no {name}",
@@ -216,9 +215,25 @@ def clip_intrinsics(path: Path, calibration: Calibration | None, name: str) -> I
             fix="Import it: exumi calibrate camera FILE --stream NAME --out ..., and say --camera "
             "NAME.",
         )
+    return fitting(Intrinsics.model_validate(calibration.items[name].value), *clip_size(path), path)
+
+
+def clip_size(path: Path) -> tuple[int, int]:
+    """Return width and height of a clip's frames.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+
+    Raises
+    ------
+    SourceError
+        It is no video.
+    """
+    from exumi_data.store.video import VideoDecoder
+
     with VideoDecoder(str(path), path) as video:
-        width, height = video.width, video.height
-    return fitting(Intrinsics.model_validate(calibration.items[name].value), width, height, path)
+        return video.width, video.height
 
 
 def camera_times(stream: StreamView) -> tuple[NDArray[np.int64], CameraTiming]:

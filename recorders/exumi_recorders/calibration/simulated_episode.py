@@ -1,10 +1,12 @@
-"""A simulated sweep written as an episode, with frames in which the marker really is."""
+"""A simulated sweep written as an episode or a clip, with frames in which the marker really is."""
 
 from __future__ import annotations
 
 import os
 import uuid
+from collections.abc import Iterator
 from dataclasses import asdict
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -28,16 +30,18 @@ from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_recorders.calibration.markers import MarkerSettings
 from exumi_recorders.calibration.simulated_sweep import SimulatedSweep, SweepSettings
 
-__all__ = ["write_sweep_episode"]
+__all__ = ["CAMERA", "sweep_frames", "write_sweep_clip", "write_sweep_episode"]
 
 UInt8Array = NDArray[np.uint8]
 Float64Array = NDArray[np.float64]
 
-_CAMERA = Intrinsics(model="pinhole", width=480, height=360, fx=330.0, fy=330.0, cx=239.5, cy=179.5)
+CAMERA = Intrinsics(model="pinhole", width=480, height=360, fx=330.0, fy=330.0, cx=239.5, cy=179.5)
+"""How the simulated camera sees."""
 _T0_NS = 1_000_000_000
 _PRINT_PX = 120
 _EDGE_PX = 20
 _NOISE = 2.0
+_BITS_PER_S = 4_000_000
 _NAMESPACE = uuid.UUID("0b7f4a6e-53f1-5d51-a6ff-1d7b3f3a5c11")
 
 
@@ -95,21 +99,83 @@ def write_sweep_episode(
             images=EncodedImages(
                 encoding="encoded",
                 media_type="image/jpeg",
-                height=_CAMERA.height,
-                width=_CAMERA.width,
+                height=CAMERA.height,
+                width=CAMERA.width,
                 channels=3,
             ),
         )
-        add_intrinsics(writer, "rgb", _CAMERA, method="known: it is the simulator's own")
-        stamps = np.arange(round(settings.seconds * settings.frames_per_s)) / settings.frames_per_s
-        rng = np.random.default_rng((seed, 72))
-        picture = _print(printed)
-        noise = _NOISE * rng.standard_normal((_CAMERA.height, _CAMERA.width), np.float32)
-        for stamp in stamps[rng.random(len(stamps)) >= settings.missing].tolist():
+        add_intrinsics(writer, "rgb", CAMERA, method="known: it is the simulator's own")
+        for stamp, frame in sweep_frames(sweep, seed=seed, marker=printed):
             time_ns = round(1e9 * stamp)
-            corners = _corners(sweep, stamp, printed)
-            frame = _frame(picture, corners, np.roll(noise, rng.integers(0, 300, 2), (0, 1)))
             camera.append(time_ns, jpeg.encode(frame, 90), time_host=time_ns + _T0_NS)
+    return Path(path)
+
+
+def sweep_frames(
+    sweep: SimulatedSweep, *, seed: int = 0, marker: MarkerSettings | None = None
+) -> Iterator[tuple[float, UInt8Array]]:
+    """Render what the camera sees of a sweep; missing frames are left out.
+
+    Parameters
+    ----------
+    sweep : SimulatedSweep
+    seed : int, optional
+        Of the noise, and of which frames are missing.
+    marker : MarkerSettings, optional
+
+    Yields
+    ------
+    float
+        The frame's stamp, seconds.
+    (H, W, 3) uint8
+        RGB.
+    """
+    settings, printed = sweep.settings, marker or MarkerSettings()
+    stamps = np.arange(round(settings.seconds * settings.frames_per_s)) / settings.frames_per_s
+    rng = np.random.default_rng((seed, 72))
+    picture = _print(printed)
+    noise = _NOISE * rng.standard_normal((CAMERA.height, CAMERA.width), np.float32)
+    for stamp in stamps[rng.random(len(stamps)) >= settings.missing].tolist():
+        corners = _corners(sweep, stamp, printed)
+        moved = np.roll(noise, rng.integers(0, 300, 2), (0, 1))
+        yield stamp, _frame(picture, corners, moved)
+
+
+def write_sweep_clip(
+    path: str | os.PathLike[str],
+    settings: SweepSettings,
+    *,
+    seed: int = 0,
+    marker: MarkerSettings | None = None,
+) -> Path:
+    """Write the video of a simulated sweep: a clip of a camera without a gyroscope.
+
+    Parameters
+    ----------
+    path : path-like
+        ``<something>.mp4``.
+    settings : SweepSettings
+        `noise_m` is not used: the frames have noise of their own.
+    seed : int, optional
+    marker : MarkerSettings, optional
+
+    Returns
+    -------
+    pathlib.Path
+    """
+    import av
+
+    rate = Fraction(settings.frames_per_s).limit_denominator(1001)
+    with av.open(os.fspath(path), "w", format="mp4") as container:
+        video = container.add_stream("mpeg4", rate=rate)
+        video.width, video.height, video.pix_fmt = CAMERA.width, CAMERA.height, "yuv420p"
+        video.bit_rate = _BITS_PER_S
+        sweep = SimulatedSweep(settings, seed)
+        for stamp, pixels in sweep_frames(sweep, seed=seed, marker=marker):
+            frame = av.VideoFrame.from_ndarray(pixels, format="rgb24")
+            frame.pts, frame.time_base = round(stamp * rate), 1 / rate
+            container.mux(video.encode(frame))
+        container.mux(video.encode(None))
     return Path(path)
 
 
@@ -141,8 +207,8 @@ def _corners(sweep: SimulatedSweep, stamp_s: float, marker: MarkerSettings) -> F
     for _ in range(2):  # the row follows from the moment, the moment from the row
         moment = stamp_s + 0.5 * settings.exposure_s + settings.readout_s * row
         seen = sweep.place_m(np.array([moment]), square)
-        pixels = (seen / seen[:, 2:]) @ matrix(_CAMERA).T
-        row = float(pixels[:, 1].mean()) / (_CAMERA.height - 1)
+        pixels = (seen / seen[:, 2:]) @ matrix(CAMERA).T
+        row = float(pixels[:, 1].mean()) / (CAMERA.height - 1)
     return pixels[:, :2]
 
 
@@ -150,8 +216,8 @@ def _frame(picture: UInt8Array, corners: Float64Array, noise: NDArray[np.float32
     size = len(picture)
     own = np.array([[0, 0], [size, 0], [size, size], [0, size]], np.float32) - 0.5
     turn = cv2.getPerspectiveTransform(own, corners.astype(np.float32))
-    across = (_CAMERA.width, _CAMERA.height)
-    frame = np.full((_CAMERA.height, _CAMERA.width), 140, np.uint8)
+    across = (CAMERA.width, CAMERA.height)
+    frame = np.full((CAMERA.height, CAMERA.width), 140, np.uint8)
     cv2.warpPerspective(
         picture, turn, across, dst=frame, flags=cv2.INTER_AREA, borderMode=cv2.BORDER_TRANSPARENT
     )

@@ -281,5 +281,5 @@ def scale(mm_per_px: tuple[float, float], stream: str, *, method: str) -> Calibr
     """
     if not all(0 < value < 10 for value in mm_per_px):
         raise CalibrationRefusedError(f"a scale of {mm_per_px} mm per pixel", where=stream)
-    item = CalibrationItem(value=list(mm_per_px), unit="mm", method=method)
+    item = CalibrationItem(value=list(mm_per_px), unit="mm/px", method=method)
     return Calibration({SCALE + stream: item})

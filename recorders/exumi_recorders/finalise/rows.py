@@ -231,6 +231,6 @@ def _widths(port: Port, stream: str, context: Context) -> _Transform:
             return _Values(np.full(len(raw), np.nan, np.float32), raw, flags)
         widths, outside = known.widths(raw, modulus)
         flags[outside] |= FLAG["out_of_range"]
-        return _Values(widths.astype(np.float32), raw, flags)
+        return _Values(widths, raw, flags)
 
     return _Transform(fields, transformed)

@@ -246,7 +246,7 @@ def test_clips_without_gyroscope_say_what_to_do(tmp_path: Path) -> None:
     )
     report = attach(run.clips, run.session, tmp_path / "demos", options=QUICK)
     assert {clip.status for clip in report.clips} == {"refused"}
-    assert all("exumi calibrate latency" in clip.reason for clip in report.clips)
+    assert all("no intrinsics/rgb says how its camera sees" in c.reason for c in report.clips)
     assert not (tmp_path / "demos").exists()
 
 

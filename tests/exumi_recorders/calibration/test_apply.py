@@ -173,7 +173,7 @@ def test_what_does_not_fit_is_left_out(path: Path) -> None:
         "intrinsics/tactile": f"intrinsics for {3 * WIDTH}x{HEIGHT} do not fit images of "
         f"{WIDTH}x{HEIGHT}. Calibrate the camera in the mode that it records in.",
         "intrinsics/pose": "the stream has no images",
-        "width_map": "its raw_to_data has a `raw` that does not ascend",
+        "width_map": "its `raw_to_data` has a `raw` that does not ascend",
         "mm_per_px/gopro": "the stream is not tactile",
     }
     assert set(done.changed) >= {"intrinsics/gopro", "T_controller_tcp"}

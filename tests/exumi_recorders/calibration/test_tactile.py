@@ -123,6 +123,7 @@ def test_the_real_sensors(real_data: Path, sensor: str) -> None:
 
 
 def test_a_scale() -> None:
-    assert scale((0.06, 0.05), "t", method="a rule").items["mm_per_px/t"].value == [0.06, 0.05]
+    item = scale((0.06, 0.05), "t", method="a rule").items["mm_per_px/t"]
+    assert (item.value, item.unit) == ([0.06, 0.05], "mm/px")
     with pytest.raises(CalibrationRefusedError, match="a scale of"):
         scale((0.0, 0.05), "t", method="a rule")

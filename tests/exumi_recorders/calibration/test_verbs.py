@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,11 @@ from exumi_data.episode import open_episode
 from exumi_data.model import DatasetMetadata, Frames, RawData
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_recorders.calibration.files import read_calibration
-from exumi_recorders.calibration.simulated_episode import write_sweep_episode
+from exumi_recorders.calibration.simulated_episode import (
+    CAMERA,
+    write_sweep_clip,
+    write_sweep_episode,
+)
 from exumi_recorders.calibration.simulated_sweep import SweepSettings
 from exumi_validators import validate
 from tests.exumi_data.builders import metadata
@@ -108,6 +113,49 @@ def test_a_sweep_that_is_refused(sweep: Path, tmp_path: Path) -> None:
     assert "the sweep repeats itself" in done.output
     assert picture.exists()
     assert not rig.exists()
+
+
+def test_start_and_end_of_a_session(tmp_path: Path) -> None:
+    short = replace(SETTINGS, seconds=7.0, frames_per_s=20.0)
+    first = write_sweep_episode(tmp_path / "first.zarr", short, seed=3)
+    later = replace(short, delay_s=short.delay_s + 0.008)
+    last = write_sweep_episode(tmp_path / "last.zarr", later, seed=4)
+    known = ("--exposure-ms", 4, "--readout-ms", "12,12", "--headset-lag-ms", 12)
+    rig = tmp_path / "rig.json"
+    done = calibrate("latency", first, "--end", last, "--out", rig, *known, "-f", "json")
+    said = found(done)
+    item = said["items"]["latency/pose"]
+    assert len(said["sweeps"]) == 2
+    change_ms = said["sweeps"][1]["latency_ms"] - said["sweeps"][0]["latency_ms"]
+    assert change_ms == pytest.approx(8.0, abs=0.5)
+    # The mean of both, and uncertain by half of what they differ by.
+    assert item["value"] == pytest.approx(46e6, abs=0.5e6)
+    assert item["uncertainty"] == pytest.approx(4e6, abs=0.5e6)
+    assert "from the first to the last" in item["procedure"]
+    assert "the latency changed by" in done.stderr
+    done = calibrate("latency", first, "--end", last, "--video", "x.mp4", "--out", rig)
+    assert (done.exit_code, "exclude each other" in done.output) == (2, True)
+
+
+def test_a_clip_in_place_of_a_camera(tmp_path: Path) -> None:
+    short = replace(SETTINGS, seconds=7.0, frames_per_s=20.0)
+    sweep = write_sweep_episode(tmp_path / "s.zarr", short, seed=6)
+    clip = write_sweep_clip(tmp_path / "GX010001.MP4", short, seed=6)
+    rig, lens = tmp_path / "rig.json", tmp_path / "lens.json"
+    known = ("--exposure-ms", 4, "--readout-ms", "12,12", "--headset-lag-ms", 12)
+    arguments = ("latency", sweep, "--video", clip, "--out", rig, *known)
+    done = calibrate(*arguments)
+    assert (done.exit_code, "has no intrinsics/rgb" in done.output) == (2, True)
+    lens.write_text(
+        json.dumps({"K": [[CAMERA.fx, 0, CAMERA.cx], [0, CAMERA.fy, CAMERA.cy], [0, 0, 1]]})
+    )
+    size = f"{CAMERA.width}x{CAMERA.height}"
+    assert calibrate("camera", lens, "--size", size, "--stream", "rgb", "--out", rig).exit_code == 0
+    for start_s in (0.0, 0.25):
+        said = found(calibrate(*arguments, "--video-start", start_s, "-f", "json"))
+        # By as much as the clip is said to begin later, the poses are late by less.
+        value = said["items"]["latency/pose"]["value"]
+        assert value == pytest.approx(42e6 - 1e9 * start_s, abs=0.5e6)
 
 
 def write(path: Path, add: Callable[[EpisodeWriter], None]) -> Path:

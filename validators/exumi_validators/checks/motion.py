@@ -9,6 +9,7 @@ import numpy as np
 
 from exumi_data.model.description import CalibrationItem
 from exumi_data.model.streams import PoseStream, RawData, WidthStream
+from exumi_data.raw_to_data import read_range
 from exumi_validators.context import EpisodeContext
 from exumi_validators.findings import problem
 from exumi_validators.motion import (
@@ -287,23 +288,11 @@ def width_in_calibration(episode: EpisodeContext) -> Iterator[Finding]:
         if item is None:
             yield Skipped("WIDTH-004", "the width has no calibration", path)
             continue
-        bounds = _range_m(item)
+        bounds = read_range(item.value)
         if bounds is None:
             yield Skipped("WIDTH-004", "the calibration states no `range_m`", path)
             continue
         yield from _out_of_range(episode, name, bounds)
-
-
-def _range_m(item: CalibrationItem) -> tuple[float, float] | None:
-    """Return lowest and highest width that a calibration holds for."""
-    found = item.value.get("range_m") if isinstance(item.value, dict) else None
-    if not isinstance(found, list) or not all(type(x) in (int, float) for x in found):
-        return None
-    try:
-        low, high = (float(x) for x in found)
-    except (ValueError, OverflowError):
-        return None
-    return (low, high) if -math.inf < low <= high < math.inf else None
 
 
 def _out_of_range(
