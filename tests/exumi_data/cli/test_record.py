@@ -24,6 +24,7 @@ import pytest
 
 from exumi_data.catalog import list_episodes
 from exumi_data.episode import open_episode
+from exumi_recorders.calibration.items import now
 from exumi_recorders.journal.states import list_journals
 from exumi_validators import validate
 from tests.exumi_data.cli.conftest import Program
@@ -34,6 +35,7 @@ format = "exumi-rig"
 version = "1.0"
 
 [rig]
+calibration = ["gripper.json"]
 name = "toy"
 licence = "CC0-1.0"
 
@@ -47,6 +49,15 @@ simulated = { seed = 7, duration_s = 5.0, epoch_ns = 0 }
 streams = { width = "width" }
 """
 
+CALIBRATION = {
+    "format": "exumi-calibration",
+    "version": "1.0",
+    "items": {
+        "width_map": {"value": {"raw_to_data": {"raw": [3934, 4546], "data": [-0.002, 0.1]}}},
+        "latency/width": {"value": 0, "unit": "ns", "time": now()},
+    },
+}
+
 
 class Recording:
     """The program, and what it has said so far."""
@@ -54,6 +65,7 @@ class Recording:
     def __init__(self, folder: Path, environment: dict[str, str], *arguments: str) -> None:
         rig = folder / "rig.toml"
         rig.write_text(RIG)
+        (folder / "gripper.json").write_text(json.dumps(CALIBRATION))
         self.dataset = folder / "set"
         which = () if "--rig" in arguments else ("--rig", str(rig))
         self.command = [sys.executable, "-m", "exumi_data.cli", "record", *which, *arguments]

@@ -43,8 +43,8 @@ def test_an_encoder_without_a_map_fails() -> None:
     [
         (4000, "0.0 mm now", "pass"),
         (404, "80.0 mm now", "pass"),  # 4500, wrapped at 4096
-        (405, "80.2 mm now, beyond the map's ends", "warn"),
-        (3999, "-0.2 mm now, beyond the map's ends", "warn"),
+        (405, "80.0 mm now, beyond the map's ends", "warn"),
+        (3999, "0.0 mm now, beyond the map's ends", "warn"),
     ],
 )
 def test_the_count_of_now_lies_on_the_map(count: int, found: str, verdict: str) -> None:
