@@ -13,6 +13,7 @@ from exumi_converters.clip_table import (
     unknown_columns,
 )
 from exumi_converters.converter import ConvertOptions, Discovery, EpisodeSource, SourceFile
+from exumi_converters.format_options import FormatOptions
 from exumi_converters.frame_files import add_lossy
 from exumi_converters.identity import relative_name
 from exumi_converters.image_stream import AddedStream, StreamSpec
@@ -53,6 +54,14 @@ class ClipsConverter:
         "sound, and other streams of an MJPEG file",
         "columns whose kind or unit is not known (each is named)",
     )
+    options = FormatOptions
+
+    def recognise(self, source: Path) -> str | None:
+        """Recognise a folder by its videos."""
+        if not source.is_dir():
+            return None
+        found = next((path for path in source_files(source) if probe_video(path.name)), None)
+        return None if found is None else f"a folder of videos, such as {found.name}"
 
     def discover(self, source: Path, options: ConvertOptions) -> Discovery:
         """Find videos and their tables, in all folders below `source`."""

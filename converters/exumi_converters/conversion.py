@@ -8,6 +8,8 @@ from pathlib import Path
 
 from exumi_converters.converter import Converter, ConvertOptions, Discovery, EpisodeSource
 from exumi_converters.destination import write_splits
+from exumi_converters.detection import detect_format
+from exumi_converters.format_options import parse_options
 from exumi_converters.identity import (
     digest_inputs,
     episode_id,
@@ -15,7 +17,7 @@ from exumi_converters.identity import (
     source_digest,
 )
 from exumi_converters.registry import converters, find_converter
-from exumi_converters.report import ConversionReport, Progress
+from exumi_converters.report import ConversionPlan, ConversionReport, Progress
 from exumi_converters.run import Done, Run, attempt, make_episode, opened_run
 from exumi_data import __version__
 from exumi_data.engine import warm_up
@@ -25,7 +27,7 @@ from exumi_data.model.base import STREAM_NAME
 from exumi_data.model.documents import dump
 from exumi_data.time import parse_rate
 
-__all__ = ["TOOL", "convert"]
+__all__ = ["TOOL", "convert", "plan_conversion"]
 
 TOOL = "exumi-data"
 
@@ -34,7 +36,7 @@ def convert(
     source: str | Path,
     destination: str | Path,
     *,
-    from_format: str,
+    from_format: str | None = None,
     options: ConvertOptions | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> ConversionReport:
@@ -49,8 +51,8 @@ def convert(
         File or folder, as the format wants it.
     destination : path-like
         The dataset: a new or empty folder, or one that an earlier run has made.
-    from_format : str
-        One of `FORMATS`, or of another package.
+    from_format : str, optional
+        One of `FORMATS`, or of another package. Default: the one that recognises the source.
     options : ConvertOptions, optional
     on_progress : callable, optional
         Called after each episode.
@@ -68,14 +70,9 @@ def convert(
     began = time.perf_counter()
     warm_up(__name__)
     options = options or ConvertOptions()
-    known = converters()
-    if from_format not in known:
-        raise UsageError(f"Invalid format ({from_format}). Supported values are {', '.join(known)}")
-    converter = known[from_format]
-    _check_options(options)
     source, destination = Path(source), Path(destination)
-    discovery = converter.discover(source, options)
-    _check_keys(discovery, source)
+    converter, notices = _converter(source, from_format)
+    discovery = _discover(converter, source, options)
     metadata = DatasetMetadata(
         name=destination.resolve().name,
         licence=options.licence,
@@ -88,7 +85,7 @@ def convert(
     with opened_run(destination, metadata, options.workers, on_progress, began) as run:
         run.failed += discovery.failed
         function = partial(
-            _convert_one, root=run.root, from_format=from_format, durable=options.durable
+            _convert_one, root=run.root, from_format=converter.name, durable=options.durable
         )
         run.work(function, discovery.items, _key)
         _write_splits(run, discovery)
@@ -101,13 +98,87 @@ def convert(
             skipped=run.skipped,
             flagged=tuple(run.flagged),
             failed=tuple(run.failed),
-            notices=(*discovery.notices, *run.notices),
+            notices=(*notices, *discovery.notices, *run.notices),
             unexplained=unexplained,
             frames=run.frames,
             seconds=run.seconds,
             converter=_versioned(converter),
             layout=discovery.layout,
         )
+
+
+def plan_conversion(
+    source: str | Path,
+    *,
+    from_format: str | None = None,
+    options: ConvertOptions | None = None,
+) -> ConversionPlan:
+    """Find out what a conversion would write, and what would be lost. Writes nothing.
+
+    Parameters
+    ----------
+    source : path-like
+    from_format : str, optional
+        Default: the one that recognises the source.
+    options : ConvertOptions, optional
+
+    Returns
+    -------
+    ConversionPlan
+
+    Raises
+    ------
+    UsageError, SourceError
+        An option or the source makes no sense as a whole.
+    """
+    source = Path(source)
+    converter, notices = _converter(source, from_format)
+    discovery = _discover(converter, source, options or ConvertOptions())
+    return ConversionPlan(
+        source=str(source),
+        converter=_versioned(converter),
+        layout=discovery.layout,
+        episodes=tuple(item.key for item in discovery.items),
+        failed=discovery.failed,
+        keeps=converter.keeps,
+        loses=converter.loses,
+        notices=(*notices, *discovery.notices),
+        estimated_bytes=sum(map(_estimated_bytes, discovery.items)),
+    )
+
+
+def _estimated_bytes(item: EpisodeSource) -> int:
+    if item.estimated_bytes is not None:
+        return item.estimated_bytes
+    return sum(map(_size_of, {file.path for file in item.files}))
+
+
+def _size_of(path: Path) -> int:
+    try:
+        if path.is_dir():
+            return sum(file.stat().st_size for file in path.iterdir() if file.is_file())
+        return path.stat().st_size
+    except OSError:
+        return 0  # converting says what is the matter with it
+
+
+def _converter(source: Path, name: str | None) -> tuple[Converter, list[str]]:
+    """Return the converter that the user named, or the one that recognises the source."""
+    known = converters()
+    if name is None:
+        name, reason = detect_format(source, known)
+        return known[name], [f"read as {name} ({reason})"]
+    if name not in known:
+        raise UsageError(f"Invalid format ({name}). Supported values are {', '.join(known)}")
+    return known[name], []
+
+
+def _discover(converter: Converter, source: Path, options: ConvertOptions) -> Discovery:
+    _check_options(options)
+    parse_options(converter.options, options.settings, converter.name)
+    discovery = converter.discover(source, options)
+    _check_keys(discovery, source)
+    return discovery
 
 
 def _check_options(options: ConvertOptions) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
+from exumi_converters.format_options import FormatOptions
 from exumi_converters.report import Failure
 from exumi_data.model import UNKNOWN_LICENCE, Annotations, QualityNote, SplitDocument, Task
 from exumi_data.store.episode_writer import EpisodeWriter
@@ -50,6 +51,8 @@ class ConvertOptions:
         either case, and every failure is reported.
     durable : bool
         Make every episode survive a power loss before it takes its final name.
+    settings : mapping of str to str
+        Options of the format itself (`Converter.options`).
     """
 
     labels: Path | None = None
@@ -63,6 +66,7 @@ class ConvertOptions:
     workers: int | None = None
     keep_going: bool = False
     durable: bool = True
+    settings: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +111,8 @@ class EpisodeSource:
         What is known to be odd before the files are read.
     splits : mapping of str to str
         Published splits: name of the split to the list that this episode is in.
+    estimated_bytes : int, optional
+        How big the episode will be, where that is not about the size of its files.
     """
 
     key: str
@@ -118,6 +124,7 @@ class EpisodeSource:
     settings: dict[str, Any] = field(default_factory=dict)
     quality: tuple[QualityNote, ...] = ()
     splits: Mapping[str, str] = field(default_factory=dict)
+    estimated_bytes: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +182,20 @@ class Converter(Protocol):
     """What of the source is in the episodes."""
     loses: tuple[str, ...]
     """What is not."""
+    options: type[FormatOptions]
+    """The format's own options."""
+
+    def recognise(self, source: Path) -> str | None:
+        """Say by what a source is recognised as this format; None if it is not.
+
+        Looks at names and headers of few files, and never raises because of what they hold.
+
+        Parameters
+        ----------
+        source : pathlib.Path
+            An existing file or folder.
+        """
+        ...
 
     def discover(self, source: Path, options: ConvertOptions) -> Discovery:
         """Find the episodes of a source. Reads names, headers and tables, no frames.

@@ -1,9 +1,11 @@
 """Format ``octopi``: the PhysiCLeAR data of Octopi-1 and Octopi-1.5, in their three layouts."""
 
+import re
 from fractions import Fraction
 from pathlib import Path
 
 from exumi_converters.converter import ConvertOptions, Discovery, EpisodeSource, NamedSplit
+from exumi_converters.format_options import FormatOptions
 from exumi_converters.frame_files import FrameFiles, add_jpeg_stream, add_lossy, add_png_stream
 from exumi_converters.image_stream import StreamSpec
 from exumi_converters.octopi_items import ItemMaker
@@ -11,9 +13,10 @@ from exumi_converters.octopi_labels import PartLabels, read_labels
 from exumi_converters.octopi_layout import detect_layout
 from exumi_converters.octopi_samples import frame_paths, read_frames
 from exumi_converters.video_episode import add_video
-from exumi_data.errors import UsageError
+from exumi_data.errors import ExumiError, UsageError
 from exumi_data.model import LossyStep, QualityNote
 from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_data.store.video import probe_video
 from exumi_data.time import parse_rate
 
 __all__ = ["OctopiConverter"]
@@ -22,6 +25,9 @@ _SPLITS = (
     NamedSplit("octopi1", "part", "published with Octopi-1: part ids, 60 train, 7 val, 7 test"),
     NamedSplit("octopi15", "part", "published with Octopi-1.5: part ids, 104 train, 6 val, 7 test"),
 )
+
+
+_CLIP = re.compile(r".+_\d{1,9}\.mov", re.IGNORECASE)
 
 
 class OctopiConverter:
@@ -37,6 +43,19 @@ class OctopiConverter:
         "labels with scale, provenance and origin, and the published splits",
     )
     loses: tuple[str, ...] = ("anything in a PNG frame but its pixels (ObjectFolder)",)
+    options = FormatOptions
+
+    def recognise(self, source: Path) -> str | None:
+        """Recognise one of the layouts; a flat folder by names like ``<part_id>_<trial>.mov``."""
+        try:
+            layout = detect_layout(source)
+        except (ExumiError, OSError):
+            return None
+        if layout.name == "Octopi-1":
+            videos = [path for path in source.iterdir() if probe_video(path.name)]
+            if not all(_CLIP.fullmatch(path.name) for path in videos):
+                return None
+        return f"{layout.name}: {layout.reason}"
 
     def discover(self, source: Path, options: ConvertOptions) -> Discovery:
         """Recognise the layout and list its clips or samples."""

@@ -1,9 +1,20 @@
 """What a run reports: while it goes on, and at its end."""
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-__all__ = ["ConversionReport", "Failure", "Flag", "PrepareReport", "Progress"]
+if TYPE_CHECKING:
+    from exumi_converters.exporter import Loss
+
+__all__ = [
+    "ConversionPlan",
+    "ConversionReport",
+    "ExportReport",
+    "Failure",
+    "Flag",
+    "PrepareReport",
+    "Progress",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +135,43 @@ class ConversionReport(_RunReport):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ConversionPlan:
+    """What a conversion would do.
+
+    Attributes
+    ----------
+    source : str
+    converter : str
+        Name and version.
+    layout : str
+        Which layout of the format was recognised, and by what.
+    episodes : tuple of str
+        Keys of the episodes that would be written.
+    failed : tuple of Failure
+        Episodes that are there and cannot be converted, as far as names and headers tell.
+    keeps, loses : tuple of str
+        What of the source would be in the episodes, and what not.
+    notices : tuple of str
+    estimated_bytes : int
+        How big the episodes would be, roughly.
+    """
+
+    source: str
+    converter: str
+    layout: str
+    episodes: tuple[str, ...]
+    failed: tuple[Failure, ...]
+    keeps: tuple[str, ...]
+    loses: tuple[str, ...]
+    notices: tuple[str, ...]
+    estimated_bytes: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the plan as a JSON object."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PrepareReport(_RunReport):
     """What `exumi_converters.prepare` did.
 
@@ -134,3 +182,55 @@ class PrepareReport(_RunReport):
     """
 
     settings: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportReport:
+    """What `exumi_converters.export` did.
+
+    Attributes
+    ----------
+    source, destination : str
+    exporter : str
+        Name and version.
+    layout : str
+        What was written.
+    total : int
+        Episodes of the source: ``written + skipped + len(failed)``, unless nothing was finished.
+    written : int
+        Episodes in the result, when this run finished it.
+    skipped : int
+        Episodes of a result that was there already.
+    failed : tuple of Failure
+    losses : tuple of Loss
+        What the result lacks.
+    notices : tuple of str
+    frames : int
+        Frames written by this run.
+    bytes : int
+        Size of the result.
+    seconds : float
+    """
+
+    source: str
+    destination: str
+    exporter: str
+    layout: str
+    total: int
+    losses: "tuple[Loss, ...]"
+    written: int = 0
+    skipped: int = 0
+    failed: tuple[Failure, ...] = ()
+    notices: tuple[str, ...] = ()
+    frames: int = 0
+    bytes: int = 0
+    seconds: float = 0.0
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing failed."""
+        return not self.failed
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report as a JSON object."""
+        return asdict(self)

@@ -18,9 +18,11 @@ from exumi_data.cli.options import (
 __all__ = ["EPILOG", "run"]
 
 EPILOG = epilog(
+    "exumi convert --list",
     "exumi convert videos my-dataset --from octopi --labels labels.csv",
-    "exumi convert my-clips my-dataset --from clips --licence CC-BY-4.0",
     "exumi convert my-clips my-dataset --from clips --kind rgb --stream rgb_front",
+    "exumi convert my-clips my-dataset --dry-run",
+    "exumi convert my-dataset my-dataset-mcap --to mcap",
 )
 
 
@@ -36,19 +38,43 @@ class _Kind(StrEnum):
 
 def run(  # noqa: PLR0913, PLR0917  # options of the command line
     source: Annotated[
-        Path, typer.Argument(parser=given_path, metavar="SRC", help="Folder to convert. Only read.")
-    ],
+        Path | None,
+        typer.Argument(parser=given_path, metavar="SRC", help="What to convert. Only read."),
+    ] = None,
     destination: Annotated[
-        Path,
+        Path | None,
         typer.Argument(
             parser=given_path,
             metavar="DST",
-            help="The dataset: a new or empty folder, or one to go on with.",
+            help="The dataset: a new or empty folder, or one to go on with. With --to: a new "
+            "folder or file.",
         ),
-    ],
+    ] = None,
     from_format: Annotated[
         str | None,
-        typer.Option("--from", metavar="FORMAT", help="Format of SRC, such as octopi or clips."),
+        typer.Option(
+            "--from", metavar="FORMAT", help="Format of SRC. Default: the one that recognises it."
+        ),
+    ] = None,
+    to_format: Annotated[
+        str | None,
+        typer.Option("--to", metavar="FORMAT", help="Write SRC, a dataset or episode, as this."),
+    ] = None,
+    list_formats: Annotated[
+        bool,
+        typer.Option("--list", help="Say which formats there are, what each keeps and loses."),
+    ] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be written and lost; write nothing.")
+    ] = False,
+    option: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--option",
+            "-o",
+            metavar="NAME=VALUE",
+            help="An option of the format itself (see --list). Can be given more than once.",
+        ),
     ] = None,
     labels: Annotated[
         Path | None,
@@ -76,33 +102,64 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     ] = None,
     stream: Annotated[str, typer.Option(help="Name of the image stream (clips).")] = "tactile",
     kind: Annotated[_Kind, typer.Option(help="Kind of the image stream (clips).")] = _Kind.TACTILE,
+    decode: Annotated[
+        bool,
+        typer.Option("--decode", help="Store frames instead of videos (exumi-session)."),
+    ] = False,
     keep_going: Annotated[
         bool,
         typer.Option(
-            "--keep-going", help="Exit with 0 although some files could not be converted."
+            "--keep-going", help="Exit with 0 although some episodes could not be converted."
         ),
     ] = False,
     output: FormatOption = Format.TEXT,
     workers: WorkersOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Convert other formats into a dataset of episodes.
+    """Convert other formats into a dataset of episodes, and (--to) episodes into other formats.
 
     Run it again to go on where it was stopped: episodes that are complete are skipped, those whose
     source, labels or options changed are made anew. Exit code 1 if something could not be
-    converted; everything else is.
+    converted; everything else is. With --to, what the format cannot hold is listed before anything
+    is written, and the result appears when it is complete.
     """
-    from exumi_converters import ConvertOptions, convert, converters
-    from exumi_data.cli.run_report import finish, run_progress
+    from exumi_data.cli import convert_formats, convert_in, convert_out
     from exumi_data.errors import UsageError
+
+    if list_formats:
+        convert_formats.show(None if source is None else str(source), output=output)
+        return
+    if source is None or (destination is None and not dry_run):
+        raise UsageError(
+            "SRC and DST are missing" if source is None else "DST is missing",
+            fix="Say: exumi convert SRC DST. Formats: exumi convert --list",
+        )
+    settings = convert_formats.settings_of(option or [])
+    if decode:
+        settings["decode"] = "yes"
+    if to_format is not None:
+        if from_format not in (None, "exumi"):
+            raise UsageError(
+                f"--from {from_format} and --to {to_format} at once: every format is converted to "
+                "exUMI first",
+                fix=f"Say: exumi convert {source} my-dataset --from {from_format}; then: "
+                f"exumi convert my-dataset DST --to {to_format}",
+            )
+        convert_out.run(
+            source,
+            destination or Path(f"{source.name}.{to_format}"),
+            to_format=to_format,
+            settings=settings,
+            dry_run=dry_run,
+            keep_going=keep_going,
+            output=output,
+            workers=workers,
+            quiet=quiet,
+        )
+        return
+    from exumi_converters import ConvertOptions
     from exumi_data.model import UNKNOWN_LICENCE
 
-    if from_format is None:
-        lines = [f"{name} ({item.describes})" for name, item in converters().items()]
-        raise UsageError(
-            "--from is missing: the format of the source is not guessed",
-            fix=f"Formats: {'; '.join(lines)}.",
-        )
     options = ConvertOptions(
         labels=labels,
         licence=licence or UNKNOWN_LICENCE,
@@ -114,10 +171,18 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         kind=kind.value,
         workers=workers,
         keep_going=keep_going,
+        settings=settings,
     )
-    with run_progress("Converting", quiet=quiet) as on_progress:
-        report = convert(
-            source, destination, from_format=from_format, options=options, on_progress=on_progress
-        )
-    notes = [] if licence else ["no --licence was given: the episodes say that it is not known"]
-    finish(report, output=output, quiet=quiet, keep_going=keep_going, notes=notes)
+    if dry_run:
+        convert_in.show_plan(source, from_format=from_format, options=options, output=output)
+        return
+    assert destination is not None  # noqa: S101  # refused above
+    convert_in.run(
+        source,
+        destination,
+        from_format=from_format,
+        options=options,
+        licence_given=licence is not None,
+        output=output,
+        quiet=quiet,
+    )

@@ -85,4 +85,4 @@ def test_an_unknown_format_is_refused_with_those_that_are_known() -> None:
 
 def test_the_public_names_are_there() -> None:
     for name in exumi_converters.__all__:
-        assert getattr(exumi_converters, name)
+        assert getattr(exumi_converters, name) is not None

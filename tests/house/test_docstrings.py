@@ -25,7 +25,10 @@ def documented(thing: object) -> Iterator[str]:
         path = f"{thing.__module__}.{thing.__qualname__}"
         # Models and dataclasses document their fields, as attributes.
         fields_are_documented = issubclass(thing, BaseModel) or dataclasses.is_dataclass(thing)
-        if "__init__" in vars(thing) and not fields_are_documented:
+        # A protocol has a constructor of typing's.
+        constructor = vars(thing).get("__init__")
+        is_own = getattr(constructor, "__module__", None) == thing.__module__
+        if is_own and not fields_are_documented:
             yield path
         for name, member in vars(thing).items():
             plain = member.__func__ if isinstance(member, classmethod | staticmethod) else member

@@ -105,7 +105,7 @@ def test_a_missing_array(exumi: Program, episode: Path) -> None:
     ("arguments", "word"),
     [
         (["--from", "zoo"], "octopi"),
-        ([], "octopi"),
+        ([], "nowhere"),
         (["--from", "octopi"], "nowhere"),
         (["--from", "clips"], "nowhere"),
     ],
