@@ -113,6 +113,11 @@ class EpisodeSource:
         Published splits: name of the split to the list that this episode is in.
     estimated_bytes : int, optional
         How big the episode will be, where that is not about the size of its files.
+    parent_id : str, optional
+        Of the episode that the source was written from.
+    derived : tuple of str, optional
+        Derived arrays without which the episode is not complete; default: the activity of all
+        tactile streams.
     """
 
     key: str
@@ -125,6 +130,8 @@ class EpisodeSource:
     quality: tuple[QualityNote, ...] = ()
     splits: Mapping[str, str] = field(default_factory=dict)
     estimated_bytes: int | None = None
+    parent_id: str | None = None
+    derived: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)

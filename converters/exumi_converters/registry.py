@@ -11,6 +11,8 @@ from typing import TypeVar
 from exumi_converters.clips import ClipsConverter
 from exumi_converters.converter import Converter
 from exumi_converters.exporter import Exporter
+from exumi_converters.mcap_files.reading import McapConverter
+from exumi_converters.mcap_files.writing import McapExporter
 from exumi_converters.octopi import OctopiConverter
 from exumi_data.errors import UsageError
 from exumi_data.plugins import Plugin, load_plugins, refuse_twice
@@ -30,9 +32,10 @@ ENTRY_POINTS = "exumi.converters"
 EXPORT_ENTRY_POINTS = "exumi.exporters"
 
 _OWN: Mapping[str, Converter] = {
-    converter.name: converter for converter in (ClipsConverter(), OctopiConverter())
+    converter.name: converter
+    for converter in (ClipsConverter(), McapConverter(), OctopiConverter())
 }
-_OWN_EXPORTERS: Mapping[str, Exporter] = {}
+_OWN_EXPORTERS: Mapping[str, Exporter] = {exporter.name: exporter for exporter in (McapExporter(),)}
 FORMATS: tuple[str, ...] = tuple(_OWN)
 """Names of the formats that this package reads."""
 EXPORTERS: tuple[str, ...] = tuple(_OWN_EXPORTERS)

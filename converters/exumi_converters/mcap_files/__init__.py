@@ -1,0 +1,1 @@
+"""Format ``mcap``: episodes as MCAP files with Foxglove's schemas, and such files as episodes."""
