@@ -5,14 +5,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from exumi_data.catalog import (
-    CATALOG_NAME,
-    build_catalog,
-    list_episodes,
-    read_catalog,
-    rows_to_table,
-    write_catalog,
-)
+from exumi_data.catalog import CATALOG_NAME, read_catalog
+from exumi_data.destination import update_catalog
 from exumi_data.errors import ExumiError, UsageError
 from exumi_recorders.finalise.episode import Finalised, dataset_of, finalise, inspect
 from exumi_recorders.journal.space import drop_stale_reserve
@@ -162,12 +156,7 @@ def add_to_catalog(dataset: Path) -> list[str]:
         table = read_catalog(dataset)
         if table is None and (dataset / CATALOG_NAME).exists():
             return [f"{dataset}: the catalog cannot be read. Write it with: exumi index {dataset}"]
-        present = list_episodes(dataset)
         known = [] if table is None else table.to_pylist()
-        paths = {row["path"] for row in known}
-        added, problems = build_catalog(dataset, paths=[p for p in present if p not in paths])
-        rows = [row for row in known if row["path"] in set(present)]
-        write_catalog(dataset, rows_to_table([*rows, *added.to_pylist()]))
+        return update_catalog(dataset, {row["path"]: row for row in known})
     except (ExumiError, OSError) as error:
         return [f"{dataset}: the catalog was not written: {error}"]
-    return [f"not in the catalog, because it cannot be read: {one.error}" for one in problems]
