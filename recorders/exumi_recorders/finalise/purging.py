@@ -3,11 +3,11 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from exumi_data.errors import ExumiError
-from exumi_recorders.finalise.recover import find_journals
+from exumi_recorders.finalise.recover import for_journals
 from exumi_recorders.journal.states import STATE_NAME, bytes_of_logs, purge, read_state
 
 __all__ = ["Discarded", "Purge", "purge_discarded"]
@@ -17,14 +17,14 @@ _S_PER_DAY = 86_400.0
 
 @dataclass(frozen=True, slots=True)
 class Discarded:
-    """A discarded journal whose logs are there, or were.
+    """What became of a journal that may be a discarded one.
 
     Attributes
     ----------
     journal : pathlib.Path
     outcome : str
         ``purged``; ``found``: it would be, and was only looked at; ``kept``: it was discarded too
-        short a time ago.
+        short a time ago; ``nothing``: it was not discarded, or its logs were gone already.
     bytes : int
         Of its logs.
     days : float
@@ -34,7 +34,7 @@ class Discarded:
     """
 
     journal: Path
-    outcome: Literal["purged", "found", "kept"]
+    outcome: Literal["purged", "found", "kept", "nothing"]
     bytes: int
     days: float
     reason: str | None
@@ -47,7 +47,7 @@ class Purge:
     Attributes
     ----------
     done : tuple of Discarded
-        Without those whose logs were gone already.
+        Without those of which there was nothing to purge.
     failed : tuple of (pathlib.Path, str)
         Journals that could not be judged or purged, and why.
     """
@@ -104,29 +104,16 @@ def purge_discarded(
     UsageError
         A path is none of these. Nothing was done.
     """
-    journals = list(dict.fromkeys(journal for path in paths for journal in find_journals(path)))
-    done: list[Discarded] = []
-    failed: list[tuple[Path, str]] = []
-    for journal in journals:
-        try:
-            found = _purged(journal, older_than_days, dry_run=dry_run)
-        except ExumiError as error:
-            failed.append((journal, str(error)))
-        except OSError as error:
-            failed.append((journal, f"{error.filename or journal}: {error.strerror or error}"))
-        else:
-            if found is not None:
-                done.append(found)
-    return Purge(tuple(done), tuple(failed))
+    work = partial(_purged, older_than_days=older_than_days, dry_run=dry_run)
+    done, failed = for_journals(paths, work)
+    return Purge(tuple(one for one in done if one.outcome != "nothing"), tuple(failed))
 
 
-def _purged(journal: Path, older_than_days: float, *, dry_run: bool) -> Discarded | None:
+def _purged(journal: Path, *, older_than_days: float, dry_run: bool) -> Discarded:
     state = read_state(journal)
-    if state.state != "discarded":
-        return None
-    size = bytes_of_logs(journal)
-    if state.purged and not size:
-        return None
+    size = bytes_of_logs(journal) if state.state == "discarded" else 0
+    if state.state != "discarded" or (state.purged and not size):
+        return Discarded(journal, "nothing", 0, 0.0, state.reason)
     # The state is written when a journal is discarded, and hardly ever after that.
     days = (time.time() - (journal / STATE_NAME).stat().st_mtime) / _S_PER_DAY
     # One that is half gone, because a purge was interrupted, cannot come back anyway.
