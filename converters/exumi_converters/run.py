@@ -13,7 +13,6 @@ from typing import Any, Generic, Literal, TypeVar
 from pydantic import ValidationError
 
 from exumi_converters.destination import drop_catalog, open_destination, refresh_catalog
-from exumi_converters.locks import only_run
 from exumi_converters.report import Failure, Flag, Progress
 from exumi_converters.resume import (
     clean_leftovers,
@@ -28,6 +27,7 @@ from exumi_data.catalog import (
     list_episodes,
     read_catalog,
 )
+from exumi_data.destination import only_run
 from exumi_data.engine import Outcome, default_workers, map_items
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import ExumiError

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from exumi_data.cli.calibrate_options import (
+    MarkerCameraOption,
     MarkerDictionary,
     MarkerId,
     MarkerSize,
@@ -65,10 +66,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         ),
     ] = None,
     pose: PoseOption = None,
-    camera: Annotated[
-        str | None,
-        typer.Option("--camera", help="Stream that shows the marker. Default: the only camera."),
-    ] = None,
+    camera: MarkerCameraOption = None,
     marker: MarkerId = 4,
     marker_mm: MarkerSize = 60.0,
     dictionary: MarkerDictionary = "DICT_4X4_50",

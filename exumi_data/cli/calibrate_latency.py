@@ -7,6 +7,7 @@ import typer
 
 from exumi_data.cli.calibrate_options import (
     EpisodeArgument,
+    MarkerCameraOption,
     MarkerDictionary,
     MarkerId,
     MarkerSize,
@@ -54,10 +55,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     video_start: Annotated[
         float, typer.Option(help="Where the clip begins in the episode, seconds.")
     ] = 0.0,
-    camera: Annotated[
-        str | None,
-        typer.Option("--camera", help="Stream that shows the marker. Default: the only camera."),
-    ] = None,
+    camera: MarkerCameraOption = None,
     pose: PoseOption = None,
     marker: MarkerId = 4,
     marker_mm: MarkerSize = 60.0,

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EpisodeArgument",
+    "MarkerCameraOption",
     "MarkerDictionary",
     "MarkerId",
     "MarkerSize",
@@ -50,6 +51,10 @@ RigOption = Annotated[
         metavar="FILE",
         help="Read the devices of this rig file now (or: simulated), in place of a recording.",
     ),
+]
+MarkerCameraOption = Annotated[
+    str | None,
+    typer.Option("--camera", help="Stream that shows the marker. Default: the only camera."),
 ]
 MarkerId = Annotated[int, typer.Option("--marker", min=0, help="Id of the ArUco marker.")]
 MarkerSize = Annotated[

@@ -361,20 +361,7 @@ def _write(
         writer.copy_group(episode, "annotations")
         for name, values in arrays.items():
             writer.add_calibration_array(name, values)
-        _carry_derived(episode, writer)
-
-
-def _carry_derived(episode: Episode, writer: EpisodeWriter) -> None:
-    """Take over the derived arrays: none is computed from times or widths."""
-    if episode.derived is None:
-        return
-    writer.derived = episode.derived.model_copy(deep=True)
-    for key, item in episode.derived.items.items():
-        stream, _, name = key.partition("/")
-        values = episode.derived_array(key)
-        if values is not None:
-            said = {field: getattr(item, field) for field in ("algorithm", "parameters", "inputs")}
-            writer.add_derived(stream, name, values, **said, **(item.model_extra or {}))
+        writer.copy_derived(episode)  # nothing is derived from times or widths
 
 
 def named(path: Path) -> str:

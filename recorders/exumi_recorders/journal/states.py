@@ -27,6 +27,7 @@ __all__ = [
     "SUFFIX",
     "JournalState",
     "State",
+    "bytes_of_logs",
     "discard",
     "journal_folder",
     "judge",
@@ -213,12 +214,36 @@ def judge(journal: Path, *, success: bool) -> None:
         write_state(journal, state.model_copy(update={"success": success}))
 
 
-def purge(journal: Path) -> None:
+def bytes_of_logs(journal: Path) -> int:
+    """Return how many bytes `purge` would remove.
+
+    Parameters
+    ----------
+    journal : pathlib.Path
+    """
+    return sum(
+        path.lstat().st_size
+        for folder in _folders_of(journal)
+        for path in folder.rglob("*")
+        if not path.is_dir()
+    )
+
+
+def _folders_of(journal: Path) -> list[Path]:
+    return [entry for entry in journal.iterdir() if entry.is_dir() and not entry.is_symlink()]
+
+
+def purge(journal: Path) -> int:
     """Remove the logs of a discarded journal; header and state stay as the tombstone.
 
     Parameters
     ----------
     journal : pathlib.Path
+
+    Returns
+    -------
+    int
+        The bytes that were removed.
 
     Raises
     ------
@@ -228,7 +253,8 @@ def purge(journal: Path) -> None:
     with _changed(journal) as state:
         if state.state != "discarded":
             raise UsageError(f"is not discarded but {state.state}", where=journal)
+        size = bytes_of_logs(journal)
         write_state(journal, state.model_copy(update={"purged": True}))
-        for entry in journal.iterdir():
-            if entry.is_dir() and not entry.is_symlink():
-                shutil.rmtree(entry)
+        for folder in _folders_of(journal):
+            shutil.rmtree(folder)
+        return size

@@ -11,7 +11,6 @@ import threading
 import time
 from collections import deque
 from contextlib import ExitStack, closing, suppress
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from exumi_recorders.session.keys import read_keys, read_lines
@@ -76,12 +75,7 @@ class Operator:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._ending.set()
         self._wake.set()
         self._thread.join(_LAST_WORDS_S)

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from socket import AF_INET, AF_INET6
-from types import TracebackType
 from typing import Self
 from urllib.parse import unquote
 
@@ -107,12 +106,7 @@ class Preview:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._server.ending.set()
         self._server.shutdown()
         self._server.server_close()
