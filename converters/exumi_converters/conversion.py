@@ -248,7 +248,7 @@ def _metadata(item: EpisodeSource, converter: Converter) -> EpisodeMetadata:
         "quality": [dump(note) for note in item.quality],
         "settings": item.settings,
     }
-    return EpisodeMetadata(
+    metadata = EpisodeMetadata(
         id=episode_id(scheme, source_digest(item.files, inputs), item.key),
         start=None,
         task=item.task,
@@ -265,6 +265,8 @@ def _metadata(item: EpisodeSource, converter: Converter) -> EpisodeMetadata:
             inputs=inputs,
             settings=item.settings,
             settings_sha256=settings_digest(shaping),
-            parent_id=item.parent_id,
         ),
     )
+    if item.parent_id is not None:
+        metadata.source.parent_id = item.parent_id
+    return metadata

@@ -109,7 +109,11 @@ def test_every_facet_has_a_change() -> None:
     assert set.union(*(facets for facets, _ in CHANGES)) == set(FACETS)
 
 
-@pytest.mark.parametrize(("facets", "change"), CHANGES, ids=lambda x: str(x)[:40])
+@pytest.mark.parametrize(
+    ("facets", "change"),
+    CHANGES,
+    ids=[f"{i}-{min(facets)}" for i, (facets, _) in enumerate(CHANGES)],
+)
 def test_a_change_is_found_by_its_name(
     whole: Path, tmp_path: Path, facets: set[str], change: Change
 ) -> None:
