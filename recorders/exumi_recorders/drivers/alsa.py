@@ -24,6 +24,7 @@ _SOCKET = "unix:"
 _SAMPLE_BYTES = 2
 _SILENT_NS = NS_PER_S
 _AT_ONCE = 16
+_SEQUENCES = 1 << 32
 _PAST_NS = 60 * NS_PER_S
 
 
@@ -207,8 +208,10 @@ class SoundDriver:
         self._seen_ns = self._now_ns()
         if block.sequence is not None:
             if self._next_sequence is not None:
-                self._skipped += (block.sequence - self._next_sequence) % (1 << 32)
-            self._next_sequence = (block.sequence + 1) % (1 << 32)
+                missing = (block.sequence - self._next_sequence) % _SEQUENCES
+                # More than half of the range is a step back: no loss.
+                self._skipped += missing if missing < _SEQUENCES // 2 else 0
+            self._next_sequence = (block.sequence + 1) % _SEQUENCES
         whole = block.data and not len(block.data) % (self._options.channels * _SAMPLE_BYTES)
         later = self._last_ns is None or block.stamp_ns > self._last_ns
         near = self._seen_ns - _PAST_NS < block.stamp_ns <= self._seen_ns

@@ -16,7 +16,12 @@ from exumi_data.catalog import (
 from exumi_data.errors import ExumiError, UsageError
 from exumi_recorders.finalise.episode import Finalised, dataset_of, finalise, inspect
 from exumi_recorders.journal.space import drop_stale_reserve
-from exumi_recorders.journal.states import RECORDING_FOLDER, SUFFIX, list_journals
+from exumi_recorders.journal.states import (
+    RECORDING_FOLDER,
+    SUFFIX,
+    list_journals,
+    remove_leftovers,
+)
 
 __all__ = ["Recovery", "add_to_catalog", "find_journals", "recover"]
 
@@ -141,8 +146,9 @@ def recover(
         if on_done is not None:
             on_done(len(done) + len(failed), len(journals), outcome)
     if not dry_run:
-        for path in paths:
-            drop_stale_reserve(_dataset_at(path))
+        for dataset in dict.fromkeys(map(_dataset_at, paths)):
+            drop_stale_reserve(dataset)
+            remove_leftovers(dataset)
     notices = []
     for dataset in dict.fromkeys(
         dataset_of(one.journal) for one in done if one.outcome == "finalised"
