@@ -211,8 +211,9 @@ class Health:
     ----------
     lost : mapping of str to int
         Samples known to be lost or refused since the device was opened, by cause: ``kernel``,
-        ``sequence``, ``late``, ``crc``, ``rejected`` ... Each ``open`` counts from 0. They reach
-        the episode as differences.
+        ``sequence``, ``late``, ``crc``, ``rejected`` ... Each ``open`` counts from 0; only
+        ``sequence`` may go down, where what was missed comes late. They reach the episode as
+        differences.
         Of a device with several ports, a cause is counted at the first one that is recorded, but
         for a cause that is named ``<port>/<cause>``.
     readings : mapping

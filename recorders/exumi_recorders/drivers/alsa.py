@@ -198,11 +198,17 @@ class SoundDriver:
         """
         if self._source is None:
             raise DeviceError(f"the sound card {self._options.device} is not open")
-        return [
-            Sample("sound", block.stamp_ns, block.data, sequence=block.sequence)
-            for block in self._source.read(timeout_s)
-            if self._takes(block)
-        ]
+        end_ns = self._now_ns() + int(timeout_s * NS_PER_S)
+        while True:
+            left_s = max(0.0, (end_ns - self._now_ns()) / NS_PER_S)
+            blocks = self._source.read(left_s)
+            found: list[Sample | Event] = [
+                Sample("sound", block.stamp_ns, block.data, sequence=block.sequence)
+                for block in blocks
+                if self._takes(block)
+            ]
+            if found or not blocks or not left_s:
+                return found
 
     def _takes(self, block: Frame) -> bool:
         self._seen_ns = self._now_ns()

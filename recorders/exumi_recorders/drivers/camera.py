@@ -333,9 +333,14 @@ class CameraDriver:
         """
         if self._source is None:
             raise DeviceError(f"the camera {self._options.device} is not open")
-        if not self._ready:
-            for frame in self._source.read(timeout_s):
+        end_ns = self._now_ns() + int(timeout_s * NS_PER_S)
+        while not self._ready:
+            left_s = max(0.0, (end_ns - self._now_ns()) / NS_PER_S)
+            frames = self._source.read(left_s)
+            for frame in frames:
                 self._take(frame)
+            if not frames or not left_s:
+                break
         ready, self._ready = self._ready, []
         return ready
 

@@ -243,6 +243,17 @@ def test_what_was_lost_before_a_device_was_opened_anew_still_counts(dataset: Pat
         assert found["pose"].metadata.lost == {"kernel": 10}
 
 
+def test_what_was_missed_before_an_episode_and_comes_late_is_no_loss_of_it(dataset: Path) -> None:
+    toy = Toy(rates={"pose": 90.0}, says=Health(lost={"sequence": 12}))
+    with Recorder([device(toy)], space=ROOM) as recorder:
+        recorder.start(dataset, episode())
+        toy.says = Health(lost={"sequence": 11})
+        until(lambda: recorder.status().streams[0].samples > 10)
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        assert found["pose"].metadata.lost is None
+
+
 def test_a_device_that_numbers_anew_is_no_late_one(dataset: Path) -> None:
     class Restarting(Toy):
         def read(self, timeout_s: float) -> list[Sample | Event]:
