@@ -93,7 +93,7 @@ def test_a_headset() -> None:
         port=port,
         dialect="d",
         rate_hz=90,
-        duration_s=3,
+        duration_s=4,
         session=SimulatedSession(seed=3, duration_s=4),
     )
     thread = threading.Thread(
