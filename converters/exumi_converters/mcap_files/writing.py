@@ -12,7 +12,7 @@ from pydantic import Field
 
 from exumi_converters.exporter import ExportItem, ExportOptions, ExportPlan, Loss, Part
 from exumi_converters.format_options import FormatOptions, parse_options
-from exumi_converters.mcap_files.messages import messages_of, schemas_of
+from exumi_converters.mcap_files.messages import BESIDE, messages_of, schemas_of
 from exumi_converters.mcap_files.topics import (
     ARRAYS_FOLDER,
     DOCUMENT_RECORD,
@@ -299,7 +299,7 @@ class _EpisodeFile:
             images = getattr(stream.metadata, "images", None)
             if images is None or images.encoding != "video":
                 continue
-            for array in ("pts", "keyframe", "file"):
+            for array in ("pts", "keyframe", "file", *BESIDE):
                 if array in stream.metadata.arrays:
                     self._attach(f"streams/{stream.name}/{array}", stream.array(array))
             self._attach(f"streams/{stream.name}/time", stream.time)
