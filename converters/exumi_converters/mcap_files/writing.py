@@ -57,6 +57,10 @@ class McapExporter:
     name = "mcap"
     version = "1"
     describes = "MCAP files with Foxglove's schemas, one an episode"
+    keeps: tuple[str, ...] = (
+        "every sample of every stream, at its own rate and time, bit for bit",
+        "the episode's own document, so that the file becomes the episode again",
+    )
     loses: Mapping[str, str] = {
         "identity": "the id is kept as parent_id when the file is converted back",
         "source": "converted back, it names the file; its lossy steps stay",
