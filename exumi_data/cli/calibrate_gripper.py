@@ -123,7 +123,9 @@ def _recorded(path: Path, stream: str | None, openings: list[float]) -> "Gripper
                 where=path,
                 fix="Record the encoder's own values.",
             )
-        modulus = getattr(getattr(width.metadata, "raw", None), "modulus", None) or 4096
+        modulus = getattr(getattr(width.metadata, "raw", None), "modulus", None)
+        if modulus is None and raw.dtype.kind == "u":
+            modulus = 4096  # counts with their turns can be negative
         return readings_at_rest(width.time, raw, openings, modulus=modulus)
 
 
