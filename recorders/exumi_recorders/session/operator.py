@@ -283,7 +283,15 @@ class _TerminalWriter(_Writer):
             )
             self._live.start()
         sync = age_text(self.sync_age_s)
-        drawn = draw_status(status, sync=sync, preview=self.preview, keys=self.has_keys)
+        width, height = self._console.size
+        drawn = draw_status(
+            status,
+            sync=sync,
+            preview=self.preview,
+            keys=self.has_keys,
+            width=width,
+            height=height,
+        )
         self._live.update(drawn, refresh=True)
 
     def finish(self) -> None:
