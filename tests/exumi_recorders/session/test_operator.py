@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -18,6 +19,7 @@ from exumi_recorders.recording.status import (
 )
 from exumi_recorders.session.messages import Message, SessionStatus
 from exumi_recorders.session.operator import Operator, age_text
+from exumi_recorders.session.session import Session
 from exumi_recorders.session.terminal import draw_status
 
 STREAMS = (
@@ -178,3 +180,12 @@ def test_everything_is_said_to_who_reads(tmp_path: Path, monkeypatch: pytest.Mon
     said = [json.loads(line) for line in path.read_text().splitlines()]
     assert said[0]["text"] == 'a "quoted" [bold] \n text é'
     assert said[-1] == {"type": "report", "episodes": []}
+
+
+def test_the_age_of_the_calibration_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    operator = Operator(keys=False)
+    now = time.monotonic()
+    operator.attend(cast(Session, None), sync_age_s=60.0, preview=None)
+    assert operator.sync_age_s == pytest.approx(60.0, abs=1.0)
+    monkeypatch.setattr(time, "monotonic", lambda: now + 3600)
+    assert operator.sync_age_s == pytest.approx(3660.0, abs=1.0)
