@@ -1,7 +1,6 @@
 """``exumi rig check``: every gate of the preflight, all that is wrong at once."""
 
 import os
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -21,6 +20,7 @@ from exumi_recorders.rig.gate import Gate
 from exumi_recorders.rig.hub_clock import clock_gates, read_clock_state
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.rig.probing import ProbedDevice, probe
+from exumi_recorders.session.hooks import missing_program
 from exumi_recorders.session.plan import Calibrated
 
 __all__ = ["RigReport", "check_rig", "disk_gate", "hook_gates"]
@@ -173,9 +173,10 @@ def hook_gates(rig: Rig) -> list[Gate]:
         command = getattr(rig.hooks, name)
         if command is None:
             continue
-        if shutil.which(command[0]):
+        missing = missing_program(command)
+        if missing is None:
             gates.append(Gate("hook", name, "pass", command[0], "a program"))
         else:
-            fix = f"Install {command[0]}, or correct `{name}` in [hooks]."
-            gates.append(Gate("hook", name, "warn", f"no program {command[0]}", "a program", fix))
+            fix = f"Install {missing}, or correct `{name}` in [hooks]."
+            gates.append(Gate("hook", name, "warn", f"no program {missing}", "a program", fix))
     return gates

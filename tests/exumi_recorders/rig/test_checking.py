@@ -57,7 +57,7 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def write_rig(folder: Path, text: str = "", *, gap: float = 2.0, calibrated: bool = True) -> Rig:
     if calibrated:
-        counts = {"raw": [-4000, 8000], "data": [-0.5, 1.0]}
+        counts = {"raw": [2000, 6000], "data": [-0.5, 1.0]}
         items = {"width_map": CalibrationItem(value={"raw_to_data": counts})}
         arrays: dict[str, Any] = {}
         for name, seed in SIDES.items():
