@@ -28,6 +28,7 @@ __all__ = [
     "capture_references",
     "encoder_of",
     "live_rig",
+    "ports_of",
     "read_opening",
     "read_openings",
     "tactile_of",
@@ -123,7 +124,14 @@ def live_rig(name: str) -> Iterator[Rig]:
         yield started.rig
 
 
-def _ports(rig: Rig, wanted: Callable[[Port], bool]) -> list[LivePort]:
+def ports_of(rig: Rig, wanted: Callable[[Port], bool]) -> list[LivePort]:
+    """Return those ports of a rig's devices that are recorded, and wanted; none is open.
+
+    Parameters
+    ----------
+    rig : Rig
+    wanted : callable
+    """
     found = []
     for device in rig.devices:
         driver = device.driver.make(device.options)
@@ -151,7 +159,7 @@ def encoder_of(rig: Rig, device: str | None) -> LivePort:
     """
     found = [
         port
-        for port in _ports(rig, lambda port: port.transform == "encoder_map")
+        for port in ports_of(rig, lambda port: port.transform == "encoder_map")
         if device in (None, port.device)
     ]
     if len(found) != 1:
@@ -178,7 +186,7 @@ def tactile_of(rig: Rig, stream: str | None) -> list[LivePort]:
     """
     found = [
         port
-        for port in _ports(
+        for port in ports_of(
             rig, lambda port: port.kind == "tactile" and isinstance(port.payload, Files)
         )
         if stream in (None, port.stream)
