@@ -111,7 +111,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     else:
         assert recording is not None  # noqa: S101  # one of the three was given
         name, item = _turned(recording, jig, tool, pose)
-    finish(Calibration({name: item}), out, output)
+    finish(Calibration({name: item}), out, output, [recording, jig, chain])
 
 
 def _chained(path: Path) -> "tuple[str, CalibrationItem]":

@@ -144,7 +144,13 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
             f"[yellow]warning:[/] the latency changed by {1e3 * change:.1f} ms in the session"
         )
     found = Calibration({LATENCY + names.pop(): item})
-    finish(found, out, output, {"sweeps": [_numbers(result) for result in results]})
+    finish(
+        found,
+        out,
+        output,
+        [episode, end, video],
+        {"sweeps": [_numbers(result) for result in results]},
+    )
 
 
 def _apart_s(starts: list[str | None]) -> float | None:

@@ -66,6 +66,8 @@ def test_from_a_sweep_to_a_corrected_dataset(sweep: Path, tmp_path: Path) -> Non
     assert item["value"] == pytest.approx(42e6, abs=5e6)
     assert item["uncertainty"] > 8e6
     assert item["time"].endswith("Z")
+    with open_episode(sweep) as recorded:
+        assert item["digest"] == recorded.digest()
     assert said["sweeps"][0]["detected"] == said["sweeps"][0]["frames"] == 270
     image = cv2.imread(str(picture))
     assert image is not None
