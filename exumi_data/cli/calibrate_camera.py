@@ -50,4 +50,4 @@ def run(
         wanted = int(width), int(height)
     camera, residual, method = read_intrinsics(file, fisheye=fisheye, size=wanted)
     name, item = intrinsics_item(camera, residual, method, stream)
-    finish(Calibration({name: item}), out, output)
+    finish(Calibration({name: item}), out, output, [file])

@@ -63,7 +63,7 @@ def run(
             except CalibrationRefusedError as error:
                 refused[name] = str(error)
     if items:
-        finish(Calibration(items), out, output, {"refused": refused})
+        finish(Calibration(items), out, output, [episode], {"refused": refused})
     console = error_console()
     for name, reason in refused.items():
         console.print(f"[bold red]refused:[/] {name}: ", end="")

@@ -12,6 +12,8 @@ from exumi_data.cli.calibrate_options import (
     MarkerSize,
     OutOption,
     PoseOption,
+    RigOption,
+    asked,
     finish,
     marker_settings,
     numbers,
@@ -19,12 +21,15 @@ from exumi_data.cli.calibrate_options import (
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from exumi_data.model.description import CalibrationItem
     from exumi_recorders.calibration.markers import MarkerSettings
 
 __all__ = ["EPILOG", "run"]
 
 EPILOG = epilog(
+    "exumi calibrate controller --rig rig.toml --in-jig --out rig.json",
     "exumi calibrate controller pivot.zarr --out rig.json",
     "exumi calibrate controller pivot.zarr --jig jig.zarr --out rig.json",
     "exumi calibrate controller views.zarr --hand-eye --out rig.json",
@@ -45,6 +50,10 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
             "marker that stands still.",
         ),
     ] = None,
+    rig: RigOption = None,
+    in_jig: Annotated[
+        bool, typer.Option("--in-jig", help="With --rig: then the tool at rest in a jig, too.")
+    ] = False,
     jig: Annotated[
         Path | None,
         typer.Option(
@@ -72,21 +81,35 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     dictionary: MarkerDictionary = "DICT_4X4_50",
     output: FormatOption = Format.TEXT,
 ) -> None:
-    """Find where the tool, or the camera, is on the hand."""
+    """Find where the tool, or the camera, is on the hand.
+
+    With --rig you are led through it: the tip held in a dent while the hand turns, then perhaps a
+    jig. What does not tell is said at once, and done again.
+    """
     from exumi_data.errors import UsageError
     from exumi_recorders.calibration.files import Calibration
 
-    if (recording is None) == (chain is None):
-        raise UsageError("one of an episode and --chain", fix="Give the one that you have.")
-    if chain is not None:
+    if sum(given is not None for given in (recording, rig, chain)) != 1:
+        raise UsageError("one of an episode, --rig and --chain", fix="Give the one that you have.")
+    if rig is not None and (hand_eye or jig is not None):
+        raise UsageError(
+            "--rig goes with neither --hand-eye nor --jig",
+            fix="Say --in-jig for a jig; record views of a marker for --hand-eye.",
+        )
+    if in_jig and rig is None:
+        raise UsageError("--in-jig is for --rig", fix="Name a recording of the jig: --jig.")
+    if rig is not None:
+        orientation = numbers(tool, count=4, option="--tool") if in_jig else None
+        name, item = _guided(rig, pose, orientation)
+    elif chain is not None:
         name, item = _chained(chain)
     elif hand_eye and recording is not None:
         settings = marker_settings(dictionary, marker, marker_mm)
         name, item = _seen(recording, out, pose, camera, settings)
     else:
-        assert recording is not None  # noqa: S101  # one of the two was given
+        assert recording is not None  # noqa: S101  # one of the three was given
         name, item = _turned(recording, jig, tool, pose)
-    finish(Calibration({name: item}), out, output)
+    finish(Calibration({name: item}), out, output, [recording, jig, chain])
 
 
 def _chained(path: Path) -> "tuple[str, CalibrationItem]":
@@ -98,6 +121,25 @@ def _chained(path: Path) -> "tuple[str, CalibrationItem]":
         return chain_item(load_json(path.read_bytes(), path))
     except (OSError, ValueError) as error:
         raise SourceError(str(error), where=path) from None
+
+
+def _guided(
+    rig: str, pose: str | None, orientation: "Sequence[float] | None"
+) -> "tuple[str, CalibrationItem]":
+    import sys
+
+    from exumi_recorders.calibration.controller import CONTROLLER_TCP, tcp_item
+    from exumi_recorders.calibration.guided import LivePoses, guided_jig, guided_tip, poses_of
+    from exumi_recorders.calibration.live import live_rig
+
+    def tell(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    with live_rig(rig) as started, poses_of(started, pose).opened() as port:
+        poses = LivePoses(port)
+        tip = guided_tip(poses, asked, tell)
+        stands = None if orientation is None else guided_jig(poses, orientation, asked, tell)
+    return CONTROLLER_TCP, tcp_item(tip, stands)
 
 
 def _turned(

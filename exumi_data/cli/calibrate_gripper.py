@@ -89,7 +89,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
             cells = (row["opening_mm"], row["count"])
             shown.add_row(*(f"{cell:.1f}" for cell in cells), "" if off is None else f"{off:+.2f}")
         print_table(shown, result_console())
-    finish(Calibration({name: gripper_item(fitted)}), out, output, {"readings": table})
+    finish(Calibration({name: gripper_item(fitted)}), out, output, [readings], {"readings": table})
 
 
 def _live(rig: str, device: str | None, openings: list[float] | None) -> "GripperReadings":
@@ -123,7 +123,9 @@ def _recorded(path: Path, stream: str | None, openings: list[float]) -> "Gripper
                 where=path,
                 fix="Record the encoder's own values.",
             )
-        modulus = getattr(getattr(width.metadata, "raw", None), "modulus", None) or 4096
+        modulus = getattr(getattr(width.metadata, "raw", None), "modulus", None)
+        if modulus is None and raw.dtype.kind == "u":
+            modulus = 4096  # counts with their turns can be negative
         return readings_at_rest(width.time, raw, openings, modulus=modulus)
 
 

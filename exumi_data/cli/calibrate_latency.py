@@ -126,10 +126,13 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         item = latency_item(results, apart_s=_apart_s(starts))
         used_ns = int(item.value)
     if plot is not None:
+        import numpy as np
+
         from exumi_data.store.files import write_atomic
         from exumi_recorders.calibration.plot import draw_sweep, png
 
-        write_atomic(plot, png(draw_sweep((refused or results)[0], used_ns)))
+        shown = refused[:1] or results
+        write_atomic(plot, png(np.vstack([draw_sweep(result, used_ns) for result in shown])))
     if item is None:
         console = error_console()
         console.print("[bold red]refused:[/] nothing was written")
@@ -142,7 +145,13 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
             f"[yellow]warning:[/] the latency changed by {1e3 * change:.1f} ms in the session"
         )
     found = Calibration({LATENCY + names.pop(): item})
-    finish(found, out, output, {"sweeps": [_numbers(result) for result in results]})
+    finish(
+        found,
+        out,
+        output,
+        [episode, end, video],
+        {"sweeps": [_numbers(result) for result in results]},
+    )
 
 
 def _apart_s(starts: list[str | None]) -> float | None:

@@ -8,6 +8,8 @@ import typer
 from exumi_data.cli.options import Format, given_path
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from exumi_data.model.description import CalibrationItem
     from exumi_recorders.calibration.files import Calibration
     from exumi_recorders.calibration.markers import MarkerSettings
@@ -173,15 +175,21 @@ def marker_settings(dictionary: str, number: int, side_mm: float) -> "MarkerSett
 
 
 def finish(
-    found: "Calibration", out: Path, output: Format, more: dict[str, Any] | None = None
+    found: "Calibration",
+    out: Path,
+    output: Format,
+    sources: "Sequence[Path | None]",
+    more: dict[str, Any] | None = None,
 ) -> None:
-    """Stamp items with the time, put them into the calibration file, and print them.
+    """Stamp items with time and digest, put them into the calibration file, and print them.
 
     Parameters
     ----------
     found : Calibration
     out : pathlib.Path
     output : Format
+    sources : sequence of pathlib.Path or None
+        What they are made from; None counts for nothing.
     more : dict, optional
         What else the JSON says.
     """
@@ -189,9 +197,10 @@ def finish(
     from exumi_data.model.documents import dump
     from exumi_recorders.calibration.files import Calibration, update
     from exumi_recorders.calibration.items import now
+    from exumi_recorders.calibration.sources import digest_of_sources
 
-    time = now()
-    items = {n: item.model_copy(update={"time": time}) for n, item in found.items.items()}
+    said = {"time": now(), "digest": digest_of_sources([path for path in sources if path])}
+    items = {name: item.model_copy(update=said) for name, item in found.items.items()}
     update(out, Calibration(items, found.arrays))
     if output is Format.JSON:
         stated = {name: dump(item) for name, item in items.items()}

@@ -80,7 +80,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
             "nothing to calibrate from",
             fix="Give a recording, --rig, --ninedtact or --mm-per-px.",
         )
-    finish(merge(parts), out, output)
+    finish(merge(parts), out, output, [recording, ninedtact])
 
 
 def _of_stream(  # what a user says of a sensor

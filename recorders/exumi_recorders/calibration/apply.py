@@ -315,12 +315,13 @@ def _remapped(stream: StreamView, wanted: dict[str, CalibrationItem], plan: _Pla
     if name not in wanted:
         return
     item = wanted[name]
-    stated = read_width_map(item.value)
+    stated_modulus = item.value.get("modulus") if isinstance(item.value, dict) else None
+    modulus = described.modulus or (None if _has_turns(raw) else stated_modulus)
+    stated = read_width_map(item.value, modulus)
     if not isinstance(stated, WidthMap):
         plan.left_out[name] = stated
         del wanted[name]
         return
-    modulus = described.modulus or (item.value.get("modulus") if item.value else None)
     data, outside = stated.widths(raw, modulus)
     changed: dict[str, np.ndarray] = {}
     if not np.array_equal(data, stream.data):
@@ -346,6 +347,11 @@ def _made_valid(stream: StreamView, marks: np.ndarray | None) -> dict[str, np.nd
     both = (before & (invalid | outside)) == (invalid | outside)
     unknown = both & ~np.isfinite(stream.data)
     return {"flags": np.where(unknown, marks & ~invalid, marks)} if unknown.any() else {}
+
+
+def _has_turns(raw: np.ndarray) -> bool:
+    """Whether counts are recorded with their turns: those that wrap are not negative."""
+    return raw.dtype.kind == "i"
 
 
 def _write(

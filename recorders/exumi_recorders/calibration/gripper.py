@@ -66,15 +66,15 @@ class GripperReadings:
         Metres, one for each group of readings.
     counts : tuple of ndarray
         What the encoder said there, (n,) int64 each.
-    modulus : int
-        Where the counts wrap.
+    modulus : int or None
+        Where the counts wrap; None where they hold their turns.
     notes : tuple of str
         What was found on the way, such as a unit that was not the one that was said.
     """
 
     opening_m: tuple[float, ...]
     counts: tuple[NDArray[np.int64], ...]
-    modulus: int = _MODULUS
+    modulus: int | None = _MODULUS
     notes: tuple[str, ...] = ()
 
 
@@ -94,7 +94,8 @@ class GripperMap:
         What the map misses an opening by when it is made without it; NaN at both ends.
     uncertainty_m : float
         Standard deviation of an opening: readings, gauge, and what the map misses.
-    modulus : int
+    modulus : int or None
+        Where the counts wrap; None where the map goes on for more than a turn.
     notes : tuple of str
     """
 
@@ -103,7 +104,7 @@ class GripperMap:
     knots: Float64Array
     residual_m: Float64Array
     uncertainty_m: float
-    modulus: int
+    modulus: int | None
     notes: tuple[str, ...]
 
     @property
@@ -132,14 +133,23 @@ def unwrap(counts: NDArray[np.integer], modulus: int = _MODULUS) -> NDArray[np.i
     return np.concatenate([values[:1], values[:1] + np.cumsum(steps)])
 
 
-def circular_mean(counts: NDArray[np.integer], modulus: int) -> tuple[float, float]:
-    """Return mean and standard deviation of readings on the circle, counts."""
-    turns = np.exp(2j * np.pi * np.asarray(counts, np.float64) / modulus)
-    mean = turns.mean()
-    centre = float(np.angle(mean)) / (2 * np.pi) * modulus % modulus
-    away = (np.asarray(counts, np.float64) - centre + modulus / 2) % modulus - modulus / 2
+def circular_mean(counts: NDArray[np.integer], modulus: int | None) -> tuple[float, float]:
+    """Return mean and standard deviation of readings, on the circle where they wrap; counts."""
+    values = np.asarray(counts, np.float64)
+    if modulus is None:
+        centre = float(values.mean())
+    else:
+        mean = np.exp(2j * np.pi * values / modulus).mean()
+        centre = float(np.angle(mean)) / (2 * np.pi) * modulus % modulus
+    away = from_mean(values, centre, modulus)
     spread = float(np.sqrt(np.sum(away**2) / max(len(away) - 1, 1)))
     return centre, spread
+
+
+def from_mean(values: NDArray[Any], mean: float, modulus: int | None) -> Float64Array:
+    """Return how far readings are from another, the shorter way round where they wrap; counts."""
+    away = np.asarray(values, np.float64) - mean
+    return away if modulus is None else (away + modulus / 2) % modulus - modulus / 2
 
 
 def fit_gripper(readings: GripperReadings, *, gauge_m: float = _GAUGE_M) -> GripperMap:
@@ -175,16 +185,22 @@ def fit_gripper(readings: GripperReadings, *, gauge_m: float = _GAUGE_M) -> Grip
         points_raw, points_opening = raw[::-1], opening[::-1]
     else:
         points_raw, points_opening = raw, opening
-    # The map's first count lies within the encoder's own.
-    points_raw = points_raw - readings.modulus * math.floor(points_raw[0] / readings.modulus)
     fine, width, bent = _sampled(points_raw, points_opening)
     residual = _left_out(points_raw, points_opening)
     slope = float(np.abs(np.gradient(points_opening, points_raw)).max())
     reading = math.hypot(float(np.sqrt(np.mean(spread**2))), _QUANTUM) * slope
     missed = float(np.sqrt(np.nanmean(residual**2))) / _OWN_SHARE
+    modulus = readings.modulus
+    travel = float(points_raw[-1] - points_raw[0])
     notes = [*readings.notes]
-    if points_raw[-1] >= readings.modulus:
-        notes.append(f"the counts run over {readings.modulus - 1} to 0 within the range")
+    if modulus is not None and travel > modulus:
+        notes.append(
+            f"the travel is {travel / modulus:.2f} turns: the driver has to count them, by "
+            f"home = {round(raw[0]) % modulus} in the rig file"
+        )
+        modulus = None
+    elif modulus is not None and (points_raw[0] < 0 or points_raw[-1] >= modulus):
+        notes.append(f"the counts run over {modulus - 1} to 0 within the range")
     if bent > 0.1 * gauge_m:
         notes.append(f"linear pieces leave the cubic by up to {1e3 * bent:.2f} mm")
     if raw[-1] < raw[0]:
@@ -192,10 +208,10 @@ def fit_gripper(readings: GripperReadings, *, gauge_m: float = _GAUGE_M) -> Grip
     return GripperMap(
         raw=fine,
         opening_m=width,
-        knots=np.stack([opening, np.mod(raw, readings.modulus)], axis=1),
+        knots=np.stack([opening, raw if modulus is None else np.mod(raw, modulus)], axis=1),
         residual_m=residual,
         uncertainty_m=math.hypot(gauge_m, reading, missed),
-        modulus=readings.modulus,
+        modulus=modulus,
         notes=tuple(notes),
     )
 
@@ -225,10 +241,17 @@ def _check_openings(opening_m: Float64Array, spread: Float64Array) -> None:
         )
 
 
-def _unwrapped_means(means: Float64Array, opening_m: Float64Array, modulus: int) -> Float64Array:
-    """Return mean counts that go on over the encoder's end; refuse what does not go one way."""
-    steps = (np.diff(means) + modulus / 2) % modulus - modulus / 2
-    coarse = np.abs(steps) > modulus / 4
+def _unwrapped_means(
+    means: Float64Array, opening_m: Float64Array, modulus: int | None
+) -> Float64Array:
+    """Return mean counts that go on over the encoder's end; refuse what does not go one way.
+
+    The count at the smallest opening is as the encoder says it: there its turns are counted from.
+    """
+    steps = np.diff(means)
+    if modulus is not None:
+        steps = (steps + modulus / 2) % modulus - modulus / 2
+    coarse = np.abs(steps) > (math.inf if modulus is None else modulus / 4)
     if coarse.any():
         at = int(coarse.argmax())
         raise CalibrationRefusedError(
@@ -245,13 +268,7 @@ def _unwrapped_means(means: Float64Array, opening_m: Float64Array, modulus: int)
             f"{means[at + 1]:.0f} at {1e3 * opening_m[at + 1]:.0f} mm",
             fix="Read these openings again.",
         )
-    raw = means[0] + np.concatenate([[0.0], np.cumsum(steps)])
-    if abs(raw[-1] - raw[0]) >= modulus:
-        raise CalibrationRefusedError(
-            f"the travel is {abs(raw[-1] - raw[0]):.0f} counts, more than the {modulus} of a turn",
-            fix="A count would stand for two openings: another gear is needed.",
-        )
-    return np.asarray(raw)
+    return np.asarray(means[0] + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
 def _sampled(
@@ -299,7 +316,7 @@ def gripper_item(found: GripperMap) -> CalibrationItem:
                 "data": [round(float(value), 7) for value in found.opening_m],
             },
             "range_m": [round(float(value), 7) for value in sorted(found.opening_m[[0, -1]])],
-            "modulus": found.modulus,
+            **({} if found.modulus is None else {"modulus": found.modulus}),
             "openings_m": [round(float(value), 7) for value in found.knots[:, 0]],
             "counts": [round(float(value), 2) for value in found.knots[:, 1]],
         },
@@ -427,7 +444,7 @@ def readings_at_rest(
     counts: NDArray[np.integer],
     openings_m: Sequence[float],
     *,
-    modulus: int = _MODULUS,
+    modulus: int | None = _MODULUS,
 ) -> GripperReadings:
     """Find the readings in a recording in which the gripper was set to openings, one by one.
 
@@ -439,6 +456,7 @@ def readings_at_rest(
     openings_m : sequence of float
         In the order in which they were set, metres; each was held for a second or more.
     modulus : int, optional
+        Where the counts wrap; None where they hold their turns.
 
     Returns
     -------
@@ -449,7 +467,7 @@ def readings_at_rest(
     CalibrationRefusedError
         The gripper rested another number of times.
     """
-    steady = unwrap(counts, modulus)
+    steady = np.asarray(counts, np.int64) if modulus is None else unwrap(counts, modulus)
     rests = _rests(time_ns, steady)
     if len(rests) != len(openings_m):
         found = ", ".join(str(round(float(np.median(steady[rest])))) for rest in rests)

@@ -214,7 +214,8 @@ def _poses(port: Port, device: str, stream: str, context: Context) -> _Transform
 
 def _widths(port: Port, stream: str, context: Context) -> _Transform:
     item = context.calibration.get(WIDTH_MAP)
-    found = "there is no such item" if item is None else read_width_map(item.value)
+    modulus = _raw(port, None)["raw"].modulus
+    found = "there is no such item" if item is None else read_width_map(item.value, modulus)
     known = found if isinstance(found, WidthMap) else None
     if known is None:
         context.note(
@@ -223,7 +224,6 @@ def _widths(port: Port, stream: str, context: Context) -> _Transform:
             stream,
         )
     fields = _raw(port, None if known is None else WIDTH_MAP)
-    modulus = fields["raw"].modulus
 
     def transformed(rows: np.ndarray, _: npt.NDArray[np.int64]) -> _Values:
         raw = rows["raw"]

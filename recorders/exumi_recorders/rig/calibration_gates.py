@@ -26,6 +26,10 @@ _MAP_FIX = (
     "Calibrate it: exumi calibrate gripper --help; and name the file as `calibration` in [rig]. "
     "To record the calibration itself: exumi record --uncalibrated."
 )
+_TURNS_FIX = (
+    "The gripper turns the encoder more than once: let its driver count the turns, by `home`, the "
+    "count where the gripper is closed."
+)
 _LATENCY_FIXES: Mapping[str, str] = {
     "pose": "Sweep the hand before a marker: exumi calibrate latency --help.",
     "tactile": "Close on something rigid, ten times: exumi calibrate contact --help.",
@@ -76,14 +80,16 @@ def width_gate(
         The newest payload.
     """
     item = items.get(WIDTH_MAP)
-    known = "none" if item is None else read_width_map(item.value)
+    modulus = (port.metadata.get("raw") or {}).get("modulus")
+    known = "none" if item is None else read_width_map(item.value, modulus)
     if not isinstance(known, WidthMap):
         found = known if item is None else f"a wrong one: {known}"
-        return Gate(WIDTH_MAP, stream, "fail", found, _EXPECTED_MAP, _MAP_FIX)
+        is_long = item is not None and isinstance(read_width_map(item.value), WidthMap)
+        fix = _TURNS_FIX if is_long else _MAP_FIX
+        return Gate(WIDTH_MAP, stream, "fail", found, _EXPECTED_MAP, fix)
     if latest is None or not isinstance(port.payload, Rows):
         return Gate(WIDTH_MAP, stream, "pass", f"{len(known.raw)} points", _EXPECTED_MAP)
     counts = np.frombuffer(latest, row_dtype(port.payload))["raw"]
-    modulus = (port.metadata.get("raw") or {}).get("modulus")
     widths, outside = known.widths(counts, modulus)
     found = f"{1e3 * float(widths[0]):.1f} mm now"
     if outside[0]:

@@ -19,6 +19,7 @@ from exumi_recorders.rig.model import FORMAT, VERSION, About, Controls, Device, 
 __all__ = ["load_rig", "parse_rig"]
 
 _MOST_BYTES = 1 << 20
+_YAML = (".yaml", ".yml")
 _SECTIONS: dict[str, type[BaseModel]] = {
     "rig": About,
     "embodiment": Embodiment,
@@ -64,7 +65,7 @@ def load_rig(path: Path) -> Rig:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise UsageError(f"the rig file is not UTF-8 ({error.reason})", where=path) from None
-    document = _from_yaml(text, path) if path.suffix in {".yaml", ".yml"} else _toml(text, path)
+    document = _from_yaml(text, path) if path.suffix in _YAML else _toml(text, path)
     return parse_rig(document, path=path, text=text)
 
 
@@ -257,8 +258,9 @@ def _check_controls(
 
 def _report(mistakes: Sequence[tuple[Place, str]], path: Path | None, text: str) -> MetadataError:
     problems = []
+    line_of = _yaml_line_of if path is not None and path.suffix in _YAML else _line_of
     for place, message in mistakes:
-        line = _line_of(text, place)
+        line = line_of(text, place)
         where = f"line {line}, " if line else ""
         problems.append(f"{where}{'.'.join(map(str, place))}: {message}")
     what = problems[0] if len(problems) == 1 else f"{len(problems)} mistakes"
@@ -284,6 +286,24 @@ def _line_of(text: str, place: Place) -> int | None:
         if found == place[: len(found)] and (best is None or len(found) > best[0]):
             best = (len(found), number)
     return best[1] if best else None
+
+
+def _yaml_line_of(text: str, place: Place) -> int | None:
+    """Return the line of a YAML file that a place is on, or of the nearest one around it."""
+    import yaml
+
+    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    line: int | None = None
+    for part in place:
+        if isinstance(node, yaml.MappingNode):
+            found = next((pair for pair in node.value if pair[0].value == str(part)), None)
+            if found is None:
+                return line
+            line, node = found[0].start_mark.line + 1, found[1]
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
+            node = node.value[part]
+            line = node.start_mark.line + 1
+    return line
 
 
 def _parts(dotted: str) -> Place:

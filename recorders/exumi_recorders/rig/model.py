@@ -51,6 +51,11 @@ class Controls(_Section):
     """The device whose record flag does it, such as the headset's."""
     world_frame: Identifier | None = None
     """The device that has to send a world frame before an episode can start."""
+    reasons: Annotated[
+        list[Annotated[str, Field(min_length=1, max_length=200, pattern=r"\D")]],
+        Field(max_length=9),
+    ] = ["it failed", "tracking was lost", "something else was touched", "the gel slipped"]
+    """Why episodes are discarded: the keys 1 to 9 say it after a discard."""
 
 
 class Limits(_Section):

@@ -214,7 +214,7 @@ def _earlier(dataset: Path) -> Iterator[Annotations]:
 
 
 def sync_age_s(calibrated: Calibrated) -> float | None:
-    """Return how old the newest latency calibration is, seconds; None where there is none.
+    """Return how old the oldest latency calibration is, seconds; None where there is none.
 
     Parameters
     ----------
@@ -225,4 +225,4 @@ def sync_age_s(calibrated: Calibrated) -> float | None:
         for name, item in calibrated.items.items()
         if name.startswith(LATENCY) and item.time is not None
     ]
-    return (datetime.now(UTC) - max(times)).total_seconds() if times else None
+    return (datetime.now(UTC) - min(times)).total_seconds() if times else None

@@ -27,6 +27,7 @@ from exumi_recorders.rig.model import Rig
 from exumi_recorders.session.finishing import Finished, Finisher
 from exumi_recorders.session.hooks import HookRunner
 from exumi_recorders.session.labels import TrialCounter
+from exumi_recorders.session.live_widths import LiveWidths
 from exumi_recorders.session.messages import (
     Command,
     CommandName,
@@ -115,6 +116,7 @@ class Session:
         self._world_device = rig.controls.world_frame
         self._has_world = False
         self._reference = ReferenceTaker((), recorder.latest_frame)
+        self._widths = LiveWidths((), {})
 
     def command(self, name: CommandName, reason: str = "") -> None:
         """Want something; for any thread and for signal handlers.
@@ -155,6 +157,7 @@ class Session:
         """
         self._opened = time.monotonic()
         self._hook("ready")
+        self._widths = LiveWidths(self._recorder.streams.values(), self._calibrated.items)
         self._reference = ReferenceTaker(
             self._recorder.streams.values(), self._recorder.latest_frame
         )
@@ -218,6 +221,8 @@ class Session:
                 self._stop("")
             elif name == "discard":
                 self._discard(command.reason)
+            elif name == "reason":
+                self._give_reason(command.reason)
             elif name == "undo":
                 self._undo()
             elif name in {"success", "failure"}:
@@ -357,10 +362,28 @@ class Session:
         stopped.is_discarded, stopped.until = True, time.monotonic() + _UNDO_S
         self._report.discarded.append(journal)
         self._hook("discard")
-        said = f" ({reason})" if reason else ""
-        self._tell(
-            Message("info", "discarded", f"discarded{said}; undo takes it back", journal.stem)
-        )
+        text = f"discarded ({reason})" if reason else f"discarded; {self._reasons()}"
+        self._tell(Message("info", "discarded", f"{text}; undo takes it back", journal.stem))
+
+    def _reasons(self) -> str:
+        named = enumerate(self._rig.controls.reasons, start=1)
+        return "why: " + ", ".join(f"{number} {text}" for number, text in named)
+
+    def _give_reason(self, said: str) -> None:
+        """Say why the last episode was discarded: in words, or by the number of a known reason."""
+        stopped, reasons = self._stopped, self._rig.controls.reasons
+        if said.isdecimal():
+            said = reasons[int(said) - 1] if 0 < int(said) <= len(reasons) else ""
+        if stopped is None or not stopped.is_discarded or not said:
+            text = "there is nothing to give that reason for: discard first"
+            self._tell(Message("warning", "nothing", text))
+            return
+        try:
+            discard(stopped.recorded.journal, said)
+        except ExumiError as error:
+            self._tell(Message("error", "not_discarded", str(error)))
+            return
+        self._tell(Message("info", "reason", f"because: {said}", stopped.recorded.journal.stem))
 
     def _undo(self) -> None:
         stopped = self._stopped
@@ -447,6 +470,7 @@ class Session:
             undecided=undecided,
             disk_minutes=self._room_left() / 60,
             next_trial=trial if labelled else None,
+            widths_m=self._widths.of(recording),
         )
 
     def _hook(self, name: str) -> None:

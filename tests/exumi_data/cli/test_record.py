@@ -173,7 +173,9 @@ def test_keys_at_a_terminal(tmp_path: Path, plain_environment: dict[str, str]) -
         run.write(" ")
         run.wait("stopped after")
         run.write("d")
-        run.wait("discarded")
+        run.wait("discarded; why: 1 it failed")
+        run.write("2")
+        run.wait("because: tracking was lost")
         run.write("u")
         run.wait("taken back")
         # All at once: record another one, discard it, and go.

@@ -14,7 +14,7 @@ from exumi_recorders.calibration.files import Calibration, write_calibration
 
 Program = Callable[..., Result]
 
-RAW_TO_DATA = {"raw": [-4000, 8000], "data": [-0.5, 1.0]}
+RAW_TO_DATA = {"raw": [2000, 6000], "data": [-0.5, 1.0]}
 
 
 @pytest.fixture

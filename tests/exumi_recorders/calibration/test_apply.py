@@ -140,6 +140,13 @@ def test_widths_are_computed_again(path: Path) -> None:
         assert not flags.any()
 
 
+def test_a_map_of_several_turns_is_left_out_where_counts_wrap(path: Path) -> None:
+    long = {"raw_to_data": {"raw": [0, 9000], "data": [0.0, 0.1]}}
+    done = applied(path, width_map=CalibrationItem(value=long, method="gauge", unit="m"))
+    assert "goes over 9000 counts" in done.left_out["width_map"]
+    assert not done.widths
+
+
 def test_a_dry_run_writes_nothing(path: Path) -> None:
     with open_episode(path) as episode:
         digest = episode.digest()

@@ -138,10 +138,26 @@ def test_what_is_refused() -> None:
     assert "scatter" in refused(steps, [[100], [160], [150, 290], [280], [340]])
 
 
-def test_more_than_a_turn() -> None:
-    openings = [0.01 * i for i in range(7)]
-    said = refused(openings, [[(900 * i) % 4096] for i in range(7)])
-    assert "more than the 4096 of a turn" in said
+@pytest.mark.parametrize("per_step", [900, -900])
+def test_more_than_a_turn(per_step: int) -> None:
+    openings = tuple(0.01 * i for i in range(7))
+    wrapped = [np.array([(300 + per_step * i) % 4096]) for i in range(7)]
+    found = fit_gripper(GripperReadings(openings, tuple(wrapped)))
+    assert found.modulus is None
+    assert any("1.32 turns" in note and "home = 300" in note for note in found.notes)
+    # As the driver hands them over that counts turns from home.
+    going_on = [np.array([300 + per_step * i]) for i in range(7)]
+    item = gripper_item(found)
+    assert gripper_item(fit_gripper(GripperReadings(openings, tuple(going_on), None))).value == (
+        item.value
+    )
+    stated = read_map(item.value)
+    assert isinstance(stated, RawToData)
+    assert "modulus" not in item.value
+    assert stated.at(np.array([300, 300 + 5 * per_step])) == pytest.approx([0.0, 0.05])
+    # Of counts that wrap it tells nothing, and says why.
+    assert np.isnan(stated.at(np.array([300]), 4096)).all()
+    assert stated.beyond_a_turn(4096) == "goes over 5400 counts, which begin anew after 4096"
 
 
 def test_a_recording_in_steps() -> None:

@@ -66,6 +66,8 @@ def test_from_a_sweep_to_a_corrected_dataset(sweep: Path, tmp_path: Path) -> Non
     assert item["value"] == pytest.approx(42e6, abs=5e6)
     assert item["uncertainty"] > 8e6
     assert item["time"].endswith("Z")
+    with open_episode(sweep) as recorded:
+        assert item["digest"] == recorded.digest()
     assert said["sweeps"][0]["detected"] == said["sweeps"][0]["frames"] == 270
     image = cv2.imread(str(picture))
     assert image is not None
@@ -122,7 +124,9 @@ def test_start_and_end_of_a_session(tmp_path: Path) -> None:
     last = write_sweep_episode(tmp_path / "last.zarr", later, seed=4)
     known = ("--exposure-ms", 4, "--readout-ms", "12,12", "--headset-lag-ms", 12)
     rig = tmp_path / "rig.json"
-    done = calibrate("latency", first, "--end", last, "--out", rig, *known, "-f", "json")
+    picture = tmp_path / "both.png"
+    more = (*known, "--plot", picture, "-f", "json")
+    done = calibrate("latency", first, "--end", last, "--out", rig, *more)
     said = found(done)
     item = said["items"]["latency/pose"]
     assert len(said["sweeps"]) == 2
@@ -133,6 +137,12 @@ def test_start_and_end_of_a_session(tmp_path: Path) -> None:
     assert item["uncertainty"] == pytest.approx(4e6, abs=0.5e6)
     assert "from the first to the last" in item["procedure"]
     assert "the latency changed by" in done.stderr
+    # Both sweeps are drawn with the value that is used, which is that of neither.
+    both = cv2.imread(str(picture))
+    assert both is not None
+    upper, lower = both[: len(both) // 2], both[len(both) // 2 :]
+    assert upper.shape == lower.shape
+    assert not np.array_equal(upper, lower)
     done = calibrate("latency", first, "--end", last, "--video", "x.mp4", "--out", rig)
     assert (done.exit_code, "exclude each other" in done.output) == (2, True)
 

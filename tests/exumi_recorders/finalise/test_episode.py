@@ -18,6 +18,7 @@ from exumi_data.store import jpeg
 from exumi_recorders.calibration.apply import apply_calibration
 from exumi_recorders.calibration.files import Calibration
 from exumi_recorders.contract import Blocks, Event, Files, Port, Rows, Sample
+from exumi_recorders.drivers.as5600 import As5600, As5600Options
 from exumi_recorders.finalise.episode import finalise
 from exumi_recorders.finalise.losses import FLAG
 from exumi_recorders.finalise.verify import verify
@@ -225,6 +226,39 @@ def test_counts_become_widths(dataset: Path) -> None:
         assert np.flatnonzero(width.flags & 16).tolist() == [len(counts) - 1]
         model: Any = width.metadata
         assert (model.raw.transform, model.raw.modulus) == ("width_map", 4096)
+
+
+def test_counts_with_their_turns_become_widths(dataset: Path) -> None:
+    long = {"raw_to_data": {"raw": [-6000, 400], "data": [0.08, 0.0]}}
+    items = {"width_map": CalibrationItem(value=long, method="gauge", unit="m")}
+    counting = As5600(As5600Options(home=400)).ports[0]
+    counts = [400, -2800, -6000, -6001]
+    journal = make_journal(
+        dataset,
+        {"width": (counting, rows("width", [(each,) for each in counts], "<i", 200.0))},
+        metadata=episode(calibration=items),
+    )
+    finalise(journal)
+    assert errors_of(dataset) == []
+    with open_final(dataset) as found:
+        assert found["width"].data == pytest.approx([0.0, 0.04, 0.08, 0.08])
+        assert found["width"].flags is not None
+        assert found["width"].flags.tolist() == [0, 0, 0, 16]
+
+
+def test_a_map_of_several_turns_tells_nothing_of_counts_that_wrap(dataset: Path) -> None:
+    long = {"raw_to_data": {"raw": [-6000, 400], "data": [0.08, 0.0]}}
+    items = {"width_map": CalibrationItem(value=long, method="gauge", unit="m")}
+    journal = make_journal(
+        dataset,
+        {"width": (ENCODER, rows("width", [(7,), (8,)], "<H", 200.0))},
+        metadata=episode(calibration=items),
+    )
+    finalise(journal)
+    assert errors_of(dataset) == []
+    with open_final(dataset) as found:
+        assert np.isnan(found["width"].data).all()
+        assert "width-not-calibrated" in notes(found)
 
 
 def test_counts_without_a_map_are_kept_as_they_are(dataset: Path) -> None:

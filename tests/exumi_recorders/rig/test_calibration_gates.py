@@ -36,6 +36,11 @@ def test_an_encoder_without_a_map_fails() -> None:
     gate = gates_of("width", encoder_port(), width_map=item(MAP))["width_map"]
     assert (gate.verdict, gate.found) == ("pass", "2 points")
     assert "width_map" not in gates_of("force", port())
+    long = {"raw_to_data": {"raw": [400, 9000], "data": [0.0, 0.08]}}
+    gate = gates_of("width", encoder_port(), width_map=item(long))["width_map"]
+    assert gate.verdict == "fail"
+    assert "goes over 8600 counts" in gate.found
+    assert "by `home`" in gate.what_to_do
 
 
 @pytest.mark.parametrize(

@@ -97,6 +97,30 @@ def test_the_same_in_yaml(tmp_path: Path) -> None:
     assert rig.stream_names == ("glove_left",)
 
 
+def test_mistakes_in_yaml_have_their_lines(tmp_path: Path) -> None:
+    text = """format: exumi-rig
+version: "1.0"
+rig:
+  name: x
+  licence: 4
+  calibration: [a.json, 5]
+devices:
+  glove: {driver: gluv, streams: {left: one}}
+"""
+    with pytest.raises(MetadataError) as caught:
+        load_rig(write(tmp_path, text, "rig.yaml"))
+    found = [problem.split(":")[0] for problem in caught.value.problems]
+    assert found == [
+        "line 5, rig.licence",
+        "line 6, rig.calibration.1",
+        "line 8, devices.glove.driver",
+    ]
+    missing = text.replace("  licence: 4\n", "").replace(", 5]", "]").replace("gluv", "line")
+    with pytest.raises(MetadataError) as caught:
+        load_rig(write(tmp_path, missing, "rig.yaml"))
+    assert "line 3, rig.licence: is missing" in caught.value.problems
+
+
 def test_everything_that_is_wrong_is_said_with_its_line(tmp_path: Path) -> None:
     text = TOML.replace('licence = "CC-BY-4.0"', "licence = 4").replace(
         "rate_hz = 90", 'rate_hz = "fast"\nrat = 3'

@@ -48,7 +48,14 @@ def test_an_operator_at_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         assert read_state(tombstone).reason == "bumped"
         run.do("discard", says="nothing")
         run.do("failure", says="nothing")
+        assert run.do("reason", "2", says="reason").text == "because: tracking was lost"
+        assert read_state(tombstone).reason == "tracking was lost"
+        run.do("reason", "9", says="nothing")
+        run.do("reason", "the door slammed", says="reason")
+        assert read_state(tombstone).reason == "the door slammed"
         run.do("undo", says="undone")
+        run.do("reason", "1", says="nothing")
+        assert read_state(tombstone).reason is None
         run.do("undo", says="nothing")
         # Nobody takes it back again: it becomes an episode, and cannot be discarded any more.
         run.wait("kept")
