@@ -13,15 +13,8 @@ from typing import Any, Generic, Literal, TypeVar
 from pydantic import ValidationError
 
 from exumi_converters.destination import drop_catalog, open_destination, refresh_catalog
-from exumi_converters.locks import only_run
 from exumi_converters.report import Failure, Flag, Progress
-from exumi_converters.resume import (
-    clean_leftovers,
-    existing_path,
-    is_current,
-    next_revision,
-    read_metadata,
-)
+from exumi_converters.resume import existing_path, is_current, next_revision, read_metadata
 from exumi_data.catalog import (
     catalog_row,
     episode_path,
@@ -31,6 +24,7 @@ from exumi_data.catalog import (
 from exumi_data.engine import Outcome, default_workers, map_items
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import ExumiError
+from exumi_data.leftovers import clean_leftovers, only_writer
 from exumi_data.model import DatasetMetadata, EpisodeMetadata
 from exumi_data.model.documents import problems_of
 from exumi_data.store.episode_writer import EpisodeWriter
@@ -282,7 +276,7 @@ def opened_run(
         The destination holds something else, or another run writes into it.
     """
     root = open_destination(destination, metadata)
-    with only_run(root):
+    with only_writer(root):
         notices = clean_leftovers(root)
         table = read_catalog(root)
         run: Run[Any] = Run(

@@ -1,5 +1,6 @@
 """``exumi calibrate controller``."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,9 +12,11 @@ from exumi_data.cli.calibrate_options import (
     MarkerSize,
     OutOption,
     PoseOption,
+    check_out,
     finish,
     marker_settings,
     numbers,
+    refusing,
 )
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
@@ -31,6 +34,8 @@ EPILOG = epilog(
 )
 
 _GAP_NS = 50_000_000
+# Of the length of a quaternion that somebody types.
+_UNIT = 0.01
 
 
 def run(  # noqa: PLR0913, PLR0917  # options of the command line
@@ -53,8 +58,9 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         ),
     ] = None,
     tool: Annotated[
-        str, typer.Option(help="That orientation in the world: qx,qy,qz,qw.")
-    ] = "0,0,0,1",
+        str | None,
+        typer.Option(help="That orientation in the world: qx,qy,qz,qw. Default: 0,0,0,1."),
+    ] = None,
     hand_eye: Annotated[
         bool, typer.Option("--hand-eye", help="Find where the camera sits, not the tip.")
     ] = False,
@@ -80,14 +86,20 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
 
     if (recording is None) == (chain is None):
         raise UsageError("one of an episode and --chain", fix="Give the one that you have.")
-    if chain is not None:
-        name, item = _chained(chain)
-    elif hand_eye and recording is not None:
-        settings = marker_settings(dictionary, marker, marker_mm)
-        name, item = _seen(recording, out, pose, camera, settings)
-    else:
-        assert recording is not None  # noqa: S101  # one of the two was given
-        name, item = _turned(recording, jig, tool, pose)
+    if jig is not None and (hand_eye or chain is not None):
+        raise UsageError("--jig goes with a tip that is held at a point", fix="Leave it out.")
+    if tool is not None and jig is None:
+        raise UsageError("--tool goes with --jig", fix="Add it, or leave --tool out.")
+    check_out(out)
+    settings = marker_settings(dictionary, marker, marker_mm)
+    with refusing(output):
+        if chain is not None:
+            name, item = _chained(chain)
+        elif hand_eye and recording is not None:
+            name, item = _seen(recording, out, pose, camera, settings)
+        else:
+            assert recording is not None  # noqa: S101  # one of the two was given
+            name, item = _turned(recording, jig, tool or "0,0,0,1", pose)
     finish(Calibration({name: item}), out, output)
 
 
@@ -106,10 +118,13 @@ def _turned(
     recording: Path, jig: Path | None, tool: str, pose: str | None
 ) -> "tuple[str, CalibrationItem]":
     from exumi_data.episode import open_episode
+    from exumi_data.errors import UsageError
     from exumi_recorders.calibration.controller import CONTROLLER_TCP, aligned, pivot, tcp_item
     from exumi_recorders.calibration.recordings import pose_track, stream_of
 
     quaternion = numbers(tool, count=4, option="--tool")
+    if abs(math.hypot(*quaternion) - 1.0) > _UNIT:
+        raise UsageError(f"--tool is {tool!r}", fix="Give a quaternion of length 1: qx,qy,qz,qw.")
     with open_episode(recording) as episode:
         tip = pivot(pose_track(stream_of(episode, "pose", pose)).poses)
     stands = None
@@ -138,6 +153,7 @@ def _seen(
         camera_times,
         frames_of,
         intrinsics_for,
+        pose_track,
         stream_of,
     )
 
@@ -151,7 +167,9 @@ def _seen(
             raise CalibrationRefusedError("the marker was found in no frame", where=recording)
         # Times of the poses are those that the latency has been taken out of.
         at = timing.event_ns(track.time_ns, track.row)
-        hand, valid = interpolate_poses(poses.time, poses.data, at, _GAP_NS)
+        good = pose_track(poses)
+        late_ns = poses.metadata.clock.latency_ns
+        hand, valid = interpolate_poses(good.time_ns - late_ns, good.poses, at, _GAP_NS)
         frames = getattr(poses.metadata, "frames", None)
     found = hand_eye(pose_to_matrix(hand[valid]), np.asarray(views[valid]))
     child = "hand" if frames is None else frames.child

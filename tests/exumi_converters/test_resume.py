@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 
 from exumi_converters import ConversionReport, ConvertOptions, Progress, convert
-from exumi_converters.locks import only_run
 from exumi_data.catalog import episode_path, list_episodes, read_catalog
 from exumi_data.dataset import Dataset, open_dataset
 from exumi_data.episode import open_episode
 from exumi_data.errors import UsageError
+from exumi_data.leftovers import only_writer
 from exumi_data.store.pack import pack
 
 Run = Callable[..., tuple[ConversionReport, Dataset]]
@@ -217,7 +217,7 @@ def test_an_episode_that_cannot_be_read_does_not_stop_the_catalog(
 def test_two_runs_into_one_dataset_are_refused(octopi: Path, run: Run, tmp_path: Path) -> None:
     run(octopi, "octopi")
     with (
-        only_run(tmp_path / "out"),
+        only_writer(tmp_path / "out"),
         pytest.raises(UsageError, match="another command is writing into this dataset"),
     ):
         convert(octopi, tmp_path / "out", from_format="octopi")

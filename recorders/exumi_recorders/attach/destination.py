@@ -1,6 +1,5 @@
 """The dataset that clips' episodes go into: one run at a time, and its catalog kept true."""
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,9 +17,9 @@ from exumi_data.catalog import (
 from exumi_data.dataset import create_dataset
 from exumi_data.episode import open_episode
 from exumi_data.errors import ExumiError, UsageError
+from exumi_data.leftovers import clean_leftovers, only_writer
 from exumi_data.model import DatasetMetadata, EpisodeMetadata
 from exumi_data.model.documents import dump
-from exumi_data.store.files import try_lock
 
 __all__ = ["Destination", "opened"]
 
@@ -31,10 +30,12 @@ class Destination:
     Parameters
     ----------
     root : pathlib.Path
+    cleaned : list of str
+        What was done about what a killed run had left, for the report.
     """
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, root: Path, cleaned: list[str]) -> None:
+        self.root, self.cleaned = root, cleaned
         table = read_catalog(root)
         self._rows = {} if table is None else {row["path"]: row for row in table.to_pylist()}
         self._changed: set[str] = set()
@@ -45,6 +46,13 @@ class Destination:
         self._changed.add(relative)
         (self.root / CATALOG_NAME).unlink(missing_ok=True)  # it would be wrong until the end
         return self.root / relative
+
+    def drop_packed(self, metadata: EpisodeMetadata) -> None:
+        """Remove the packed form of an episode that was written anew: they would be two."""
+        packed = self.root / episode_path(metadata.id, packed=True)
+        if packed.exists():
+            packed.unlink()
+            self._changed.add(packed.relative_to(self.root).as_posix())
 
     def is_current(self, metadata: EpisodeMetadata) -> bool:
         """Whether an episode is there, whole, and made of the same bytes and settings.
@@ -109,16 +117,5 @@ def opened(path: Path, metadata: DatasetMetadata) -> Iterator[Destination]:
         raise UsageError(
             f"cannot be made ({error.strerror})", where=path, fix="Name a folder you may write to."
         ) from None
-    descriptor = os.open(root, os.O_RDONLY)
-    try:
-        try:
-            try_lock(descriptor)
-        except BlockingIOError:
-            raise UsageError(
-                "another command is writing into this dataset",
-                where=root,
-                fix="Wait until it is done, or stop it.",
-            ) from None
-        yield Destination(root)
-    finally:
-        os.close(descriptor)
+    with only_writer(root):
+        yield Destination(root, clean_leftovers(root))

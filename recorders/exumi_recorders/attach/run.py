@@ -353,7 +353,7 @@ def _write_all(
                 reports.append(
                     replace(report, status="failed", reason=error.strerror or str(error))
                 )
-        return reports, dataset.refresh_catalog()
+        return reports, [*dataset.cleaned, *dataset.refresh_catalog()]
 
 
 def _write_one(  # what, from where, and whereto
@@ -385,6 +385,7 @@ def _write_one(  # what, from where, and whereto
     if dataset.is_current(metadata):
         return replace(report, status="present")
     write_episode(attachment, metadata, dataset.path_of(metadata), durable=options.durable)
+    dataset.drop_packed(metadata)
     return report
 
 
