@@ -30,7 +30,7 @@ def run(
         ),
     ] = None,
     width: Annotated[
-        str | None, typer.Option(help="Stream of widths. Default: the only one.")
+        str | None, typer.Option(help="Stream of widths. Default: the only one, or width.")
     ] = None,
     output: FormatOption = Format.TEXT,
 ) -> None:
@@ -78,12 +78,17 @@ def run(
 def _latency(episode: "Episode", name: str, widths: "StreamView") -> "ContactLatency":
     from exumi_data.errors import UsageError
     from exumi_recorders.calibration.contact import image_latency, touch_latency
-    from exumi_recorders.calibration.recordings import activity_of, as_stamped, motion_energy
+    from exumi_recorders.calibration.recordings import (
+        activity_of,
+        as_stamped,
+        motion_energy,
+        width_track,
+    )
 
     stream = episode[name]
     stamps = as_stamped(stream)
     if stream.kind == "tactile":
-        return touch_latency(stamps, activity_of(stream), widths.time, widths.data)
+        return touch_latency(stamps, activity_of(stream), *width_track(widths))
     if stream.kind == "rgb":
-        return image_latency(stamps, motion_energy(stream.frames), widths.time, widths.data)
+        return image_latency(stamps, motion_energy(stream.frames), *width_track(widths))
     raise UsageError(f"{name!r} is a stream of kind {stream.kind}", fix="Name touch or a camera.")

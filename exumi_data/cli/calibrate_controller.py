@@ -73,7 +73,9 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     pose: PoseOption = None,
     camera: Annotated[
         str | None,
-        typer.Option("--camera", help="Stream that shows the marker. Default: the only camera."),
+        typer.Option(
+            "--camera", help="Stream that shows the marker. Default: the only camera, or rgb."
+        ),
     ] = None,
     marker: MarkerId = 4,
     marker_mm: MarkerSize = 60.0,

@@ -61,7 +61,9 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     ] = None,
     camera: Annotated[
         str | None,
-        typer.Option("--camera", help="Stream that shows the marker. Default: the only camera."),
+        typer.Option(
+            "--camera", help="Stream that shows the marker. Default: the only camera, or rgb."
+        ),
     ] = None,
     pose: PoseOption = None,
     marker: MarkerId = 4,

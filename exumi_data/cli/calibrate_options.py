@@ -46,7 +46,7 @@ EpisodeArgument = Annotated[
     Path, typer.Argument(parser=given_path, metavar="EPISODE", help="A recording. Only read.")
 ]
 PoseOption = Annotated[
-    str | None, typer.Option("--pose", help="Stream of poses. Default: the only one.")
+    str | None, typer.Option("--pose", help="Stream of poses. Default: the only one, or pose.")
 ]
 RigOption = Annotated[
     str | None,

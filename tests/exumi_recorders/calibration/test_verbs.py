@@ -18,6 +18,7 @@ from exumi_data.dataset import create_dataset, open_dataset
 from exumi_data.episode import open_episode
 from exumi_data.leftovers import only_writer
 from exumi_data.model import DatasetMetadata, Frames, RawData
+from exumi_data.standard import flags
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_recorders.calibration.files import read_calibration
 from exumi_recorders.calibration.simulated_episode import (
@@ -298,6 +299,33 @@ def test_contact(tmp_path: Path) -> None:
     assert done.exit_code == 0
     done = calibrate("contact", path, "--stream", "width", "--out", rig)
     assert (done.exit_code, "of kind width" in done.output) == (2, True)
+
+
+def test_contact_of_a_recording_as_it_comes(tmp_path: Path) -> None:
+    """Coloured frames with a reference, no stored activity, a second width, bad readings."""
+
+    def add(writer: EpisodeWriter) -> None:
+        frames, samples = frame_times(20.0), np.arange(0, 20, 0.005)
+        images = {"encoding": "array", "height": 48, "width": 64, "channels": 3}
+        touch = writer.add_stream("tactile", kind="tactile", images=images)
+        rest = np.full((48, 64, 3), 120, np.uint8)
+        share = activity(frames)
+        pressed = np.repeat(rest[None], len(frames), axis=0)
+        for frame, part in zip(pressed, share, strict=True):
+            frame.reshape(-1, 3)[: round(part * 48 * 64)] = 60
+        touch.append(as_ns(frames + 0.05), pressed)
+        touch.set_reference(rest, method="captured")
+        width = writer.add_stream("width", kind="width")
+        values, marks = width_m(samples), np.zeros(len(samples), np.uint32)
+        values[::97], marks[::97] = 0.5, flags()["invalid"].mask
+        width.append(as_ns(samples), values, flags=marks)
+        other = writer.add_stream("width_right", kind="width")
+        other.append(as_ns(samples), np.zeros(len(samples)))
+
+    path = write(tmp_path / "grasps.zarr", add)
+    said = found(calibrate("contact", path, "--out", tmp_path / "rig.json", "-f", "json"))
+    item = said["items"]["latency/tactile"]
+    assert abs(item["value"] - 50e6) < 3 * item["uncertainty"] < 25e6
 
 
 def test_tactile(tmp_path: Path) -> None:
