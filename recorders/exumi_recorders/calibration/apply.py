@@ -273,12 +273,10 @@ def _move_along(episode: Episode, stream: StreamView, plan: _Plan) -> None:
     clock = plan.fields.get(stream.name, {}).get("clock", stream.metadata.clock)
     power = (clock.offset_sigma_ns or 0.0) ** 2
     power += (after.latency_sigma_ns or 0.0) ** 2 - (before.latency_sigma_ns or 0.0) ** 2
-    later = clock.model_copy(
-        update={
-            "offset_ns": clock.offset_ns - earlier,
-            "offset_sigma_ns": round(math.sqrt(max(power, 0.0))),
-        }
-    )
+    terms: dict[str, int] = {"offset_sigma_ns": round(math.sqrt(max(power, 0.0)))}
+    if clock.raw_time is not None or isinstance(images_of(stream.metadata), VideoImages):
+        terms["offset_ns"] = clock.offset_ns - earlier
+    later = clock.model_copy(update=terms)
     changed = {}
     if earlier:
         time = plan.arrays.get(stream.name, {}).get("time", stream.time)

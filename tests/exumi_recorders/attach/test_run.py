@@ -11,17 +11,20 @@ import pytest
 from typer.testing import CliRunner
 
 import exumi_data
+from exumi_converters import prepare
 from exumi_data.catalog import read_catalog
 from exumi_data.cli.app import app
 from exumi_data.dataset import Dataset
 from exumi_data.episode import open_episode
 from exumi_data.errors import NotAnEpisodeError, UsageError
-from exumi_data.model import Frames
+from exumi_data.model import CalibrationItem, Frames
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.pack import pack
 from exumi_data.store.video import VideoDecoder
 from exumi_recorders.attach import AttachOptions, AttachReport, attach
 from exumi_recorders.attach.writing import later
+from exumi_recorders.calibration.apply import apply_calibration
+from exumi_recorders.calibration.files import Calibration
 from exumi_recorders.placed_clips import placed_by
 from exumi_recorders.simulated.hub_run import HubRun, simulate_hub_run
 from exumi_validators import validate
@@ -402,3 +405,25 @@ def test_nothing_is_to_be_validated_where_nothing_was_written(
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 1
     assert "Next" not in done.output
+
+
+def test_a_training_set_of_attached_clips_is_valid_and_can_be_calibrated(
+    demos: Demos, tmp_path: Path
+) -> None:
+    root, _ = demos
+    train = tmp_path / "train"
+    assert prepare(root, train, size=32, workers=1).failed == ()
+    assert [p.code for p in validate(train).problems if p.severity == "error"] == []
+    path = next((train / "episodes").rglob("*.zarr"))
+    with open_episode(path) as episode:
+        before = {name: episode[name].time for name in ("rgb", "pose")}
+        latency = episode["pose"].metadata.clock.latency_ns
+        assert "exumi-gyro-match/1" in (episode["rgb"].metadata.clock.method or "")
+    item = CalibrationItem(value=latency + 7_000_000, unit="ns", uncertainty=1e6, method="sweep")
+    rig = Calibration({"latency/pose": item})
+    done = apply_calibration(path, rig, "rig.json", durable=False)
+    assert set(done.times) == {"rgb", "pose"}
+    with open_episode(path) as episode:
+        for name, time in before.items():
+            assert np.array_equal(episode[name].time, time - 7_000_000)
+    assert [p.code for p in validate(path).problems if p.severity == "error"] == []

@@ -232,6 +232,21 @@ def test_another_video_does_not_move_along(path: Path) -> None:
     assert applied(path, latency__pose=latency()).times == ("pose",)
 
 
+def test_a_prepared_clip_has_no_raw_times(path: Path) -> None:
+    """Its times follow from nothing, so its clock states no offset; they move all the same."""
+    from tests.exumi_data.builders import edit_metadata
+
+    said = {"method": "exumi-gyro-match/1: angular speed of it against 'pose', correlation 0.998;"}
+    edit_metadata(path, lambda exumi: exumi["streams"]["tactile"]["clock"].update(said))
+    with open_episode(path) as episode:
+        before = episode["tactile"].time
+    assert applied(path, latency__pose=latency()).times == ("pose", "tactile")
+    with open_episode(path) as episode:
+        assert np.array_equal(episode["tactile"].time, before - 30_000_000)
+        assert episode["tactile"].metadata.clock.offset_ns == 0
+    assert codes(path) == set()
+
+
 def test_what_is_no_latency_and_maps_of_another_name(path: Path) -> None:
     new = CalibrationItem(value=NEW, method="gauge", unit="m")
     done = applied(path, latency__pose=latency(2**62), other_map=new)
