@@ -115,7 +115,8 @@ def _curves(
         cv2.circle(image, (int(x), int(y)), 40, _MARKER, -1, cv2.LINE_AA, 4)
     apart = 1e3 * float(np.sqrt(np.mean((marker - _at(result, pose, shift_ns)) ** 2)))
     use = "refused, not used" if result.refusals else "as used"
-    said = "as recorded" if not shift_ns else f"poses {1e-6 * shift_ns:+.2f} ms earlier: {use}"
+    way = "earlier" if shift_ns > 0 else "later"
+    said = "as recorded" if not shift_ns else f"poses {1e-6 * abs(shift_ns):.2f} ms {way}: {use}"
     _text(image, (_EDGE, top - 10), f"{said}   ({apart:.1f} mm apart, rms)")
     _text(image, (_WIDTH - _EDGE - 190, top - 10), "marker", _MARKER)
     _text(image, (_WIDTH - _EDGE - 90, top - 10), "poses", _POSE)
