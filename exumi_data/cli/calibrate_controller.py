@@ -1,5 +1,6 @@
 """``exumi calibrate controller``."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,9 +15,11 @@ from exumi_data.cli.calibrate_options import (
     PoseOption,
     RigOption,
     asked,
+    check_out,
     finish,
     marker_settings,
     numbers,
+    refusing,
 )
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
@@ -37,6 +40,8 @@ EPILOG = epilog(
 )
 
 _GAP_NS = 50_000_000
+# Of the length of a quaternion that somebody types.
+_UNIT = 0.01
 
 
 def run(  # noqa: PLR0913, PLR0917  # options of the command line
@@ -63,8 +68,9 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         ),
     ] = None,
     tool: Annotated[
-        str, typer.Option(help="That orientation in the world: qx,qy,qz,qw.")
-    ] = "0,0,0,1",
+        str | None,
+        typer.Option(help="That orientation in the world: qx,qy,qz,qw. Default: 0,0,0,1."),
+    ] = None,
     hand_eye: Annotated[
         bool, typer.Option("--hand-eye", help="Find where the camera sits, not the tip.")
     ] = False,
@@ -98,18 +104,33 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         )
     if in_jig and rig is None:
         raise UsageError("--in-jig is for --rig", fix="Name a recording of the jig: --jig.")
-    if rig is not None:
-        orientation = numbers(tool, count=4, option="--tool") if in_jig else None
-        name, item = _guided(rig, pose, orientation)
-    elif chain is not None:
-        name, item = _chained(chain)
-    elif hand_eye and recording is not None:
-        settings = marker_settings(dictionary, marker, marker_mm)
-        name, item = _seen(recording, out, pose, camera, settings)
-    else:
-        assert recording is not None  # noqa: S101  # one of the three was given
-        name, item = _turned(recording, jig, tool, pose)
+    if jig is not None and (hand_eye or chain is not None):
+        raise UsageError("--jig goes with a tip that is held at a point", fix="Leave it out.")
+    if tool is not None and jig is None and not in_jig:
+        raise UsageError("--tool goes with --jig or --in-jig", fix="Add it, or leave --tool out.")
+    check_out(out)
+    settings = marker_settings(dictionary, marker, marker_mm)
+    orientation = _orientation(tool or "0,0,0,1")
+    with refusing(output):
+        if rig is not None:
+            name, item = _guided(rig, pose, orientation if in_jig else None)
+        elif chain is not None:
+            name, item = _chained(chain)
+        elif hand_eye and recording is not None:
+            name, item = _seen(recording, out, pose, camera, settings)
+        else:
+            assert recording is not None  # noqa: S101  # one of the three was given
+            name, item = _turned(recording, jig, orientation, pose)
     finish(Calibration({name: item}), out, output, [recording, jig, chain])
+
+
+def _orientation(text: str) -> "Sequence[float]":
+    from exumi_data.errors import UsageError
+
+    quaternion = numbers(text, count=4, option="--tool")
+    if abs(math.hypot(*quaternion) - 1.0) > _UNIT:
+        raise UsageError(f"--tool is {text!r}", fix="Give a quaternion of length 1: qx,qy,qz,qw.")
+    return quaternion
 
 
 def _chained(path: Path) -> "tuple[str, CalibrationItem]":
@@ -143,19 +164,18 @@ def _guided(
 
 
 def _turned(
-    recording: Path, jig: Path | None, tool: str, pose: str | None
+    recording: Path, jig: Path | None, orientation: "Sequence[float]", pose: str | None
 ) -> "tuple[str, CalibrationItem]":
     from exumi_data.episode import open_episode
     from exumi_recorders.calibration.controller import CONTROLLER_TCP, aligned, pivot, tcp_item
     from exumi_recorders.calibration.recordings import pose_track, stream_of
 
-    quaternion = numbers(tool, count=4, option="--tool")
     with open_episode(recording) as episode:
         tip = pivot(pose_track(stream_of(episode, "pose", pose)).poses)
     stands = None
     if jig is not None:
         with open_episode(jig) as episode:
-            stands = aligned(pose_track(stream_of(episode, "pose", pose)).poses, quaternion)
+            stands = aligned(pose_track(stream_of(episode, "pose", pose)).poses, orientation)
     return CONTROLLER_TCP, tcp_item(tip, stands)
 
 
@@ -178,6 +198,7 @@ def _seen(
         camera_times,
         frames_of,
         intrinsics_for,
+        pose_track,
         stream_of,
     )
 
@@ -191,7 +212,9 @@ def _seen(
             raise CalibrationRefusedError("the marker was found in no frame", where=recording)
         # Times of the poses are those that the latency has been taken out of.
         at = timing.event_ns(track.time_ns, track.row)
-        hand, valid = interpolate_poses(poses.time, poses.data, at, _GAP_NS)
+        good = pose_track(poses)
+        late_ns = poses.metadata.clock.latency_ns
+        hand, valid = interpolate_poses(good.time_ns - late_ns, good.poses, at, _GAP_NS)
         frames = getattr(poses.metadata, "frames", None)
     found = hand_eye(pose_to_matrix(hand[valid]), np.asarray(views[valid]))
     child = "hand" if frames is None else frames.child

@@ -1,5 +1,7 @@
 """Options that the verbs of ``exumi calibrate`` share, and how they end."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,10 +27,13 @@ __all__ = [
     "PoseOption",
     "RigOption",
     "asked",
+    "check_out",
+    "check_stream",
     "finish",
     "marker_settings",
     "numbers",
     "range_of",
+    "refusing",
 ]
 
 OutOption = Annotated[
@@ -44,7 +49,7 @@ EpisodeArgument = Annotated[
     Path, typer.Argument(parser=given_path, metavar="EPISODE", help="A recording. Only read.")
 ]
 PoseOption = Annotated[
-    str | None, typer.Option("--pose", help="Stream of poses. Default: the only one.")
+    str | None, typer.Option("--pose", help="Stream of poses. Default: the only one, or pose.")
 ]
 RigOption = Annotated[
     str | None,
@@ -56,7 +61,9 @@ RigOption = Annotated[
 ]
 MarkerCameraOption = Annotated[
     str | None,
-    typer.Option("--camera", help="Stream that shows the marker. Default: the only camera."),
+    typer.Option(
+        "--camera", help="Stream that shows the marker. Default: the only camera, or rgb."
+    ),
 ]
 MarkerId = Annotated[int, typer.Option("--marker", min=0, help="Id of the ArUco marker.")]
 MarkerSize = Annotated[
@@ -149,6 +156,82 @@ def range_of(text: str | None, option: str) -> "Range | None":
         raise UsageError(
             f"{option} is {text!r}", fix="Give one number, or the lowest and the highest: 1,16."
         ) from None
+
+
+def check_out(out: Path) -> None:
+    """Refuse a calibration file that cannot be written into, before any work is done for it.
+
+    Parameters
+    ----------
+    out : pathlib.Path
+
+    Raises
+    ------
+    UsageError, MetadataError, UnsupportedError, DamagedDataError, LimitError
+        It has no name of one, or holds something else.
+    """
+    from exumi_recorders.calibration.files import check_name, read_calibration
+
+    check_name(out)
+    if out.exists():
+        read_calibration(out)
+
+
+def check_stream(name: str) -> None:
+    """Refuse what is no name of a stream.
+
+    Parameters
+    ----------
+    name : str
+
+    Raises
+    ------
+    UsageError
+        It is none.
+    """
+    import re
+
+    from exumi_data.errors import UsageError
+    from exumi_data.model.base import STREAM_NAME
+
+    if not re.fullmatch(STREAM_NAME, name):
+        raise UsageError(
+            f"{name!r} is no name of a stream",
+            fix="Names are lower-case letters, digits and _, and begin with a letter.",
+        )
+
+
+@contextmanager
+def refusing(output: Format) -> Iterator[None]:
+    """Say what was refused, and end with exit code 1 then.
+
+    Parameters
+    ----------
+    output : Format
+        JSON has it on stdout as well.
+
+    Raises
+    ------
+    typer.Exit
+        In place of a refusal.
+    """
+    from exumi_data.cli.failures import FOUND_WRONG
+    from exumi_data.cli.output import error_console, print_json, printable
+    from exumi_recorders.calibration.items import CalibrationRefusedError
+
+    try:
+        yield
+    except CalibrationRefusedError as error:
+        where = "" if error.where is None else f"{error.where}: "
+        if output is Format.JSON:
+            refused = {"reason": f"{where}{error.what}", "fix": error.fix}
+            print_json({"file": None, "items": {}, "refused": [refused]})
+        console = error_console()
+        console.print("[bold red]refused:[/] ", end="")
+        console.print(printable(f"{where}{error.what}"), markup=False)
+        if error.fix:
+            console.print(f"         {printable(error.fix)}", markup=False)
+        raise typer.Exit(FOUND_WRONG) from None
 
 
 def marker_settings(dictionary: str, number: int, side_mm: float) -> "MarkerSettings":

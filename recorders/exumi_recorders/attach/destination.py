@@ -8,6 +8,7 @@ from exumi_data.catalog import CATALOG_NAME, episode_path, read_catalog
 from exumi_data.destination import only_run, take_up, update_catalog
 from exumi_data.episode import open_episode
 from exumi_data.errors import ExumiError
+from exumi_data.leftovers import clean_leftovers
 from exumi_data.model import DatasetMetadata, EpisodeMetadata
 from exumi_data.model.documents import dump
 
@@ -20,10 +21,12 @@ class Destination:
     Parameters
     ----------
     root : pathlib.Path
+    cleaned : list of str
+        What was done about what a killed run had left, for the report.
     """
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, root: Path, cleaned: list[str]) -> None:
+        self.root, self.cleaned = root, cleaned
         table = read_catalog(root)
         self._rows = {} if table is None else {row["path"]: row for row in table.to_pylist()}
         self._changed: set[str] = set()
@@ -34,6 +37,13 @@ class Destination:
         self._changed.add(relative)
         (self.root / CATALOG_NAME).unlink(missing_ok=True)  # it would be wrong until the end
         return self.root / relative
+
+    def drop_packed(self, metadata: EpisodeMetadata) -> None:
+        """Remove the packed form of an episode that was written anew: they would be two."""
+        packed = self.root / episode_path(metadata.id, packed=True)
+        if packed.exists():
+            packed.unlink()
+            self._changed.add(packed.relative_to(self.root).as_posix())
 
     def is_current(self, metadata: EpisodeMetadata) -> bool:
         """Whether an episode is there, whole, and made of the same bytes and settings.
@@ -86,4 +96,4 @@ def opened(path: Path, metadata: DatasetMetadata) -> Iterator[Destination]:
     """
     root = take_up(path, metadata)
     with only_run(root):
-        yield Destination(root)
+        yield Destination(root, clean_leftovers(root))
