@@ -106,7 +106,8 @@ class _Trial:
     found: _Found = field(default_factory=_Found)
     doing: str = "make()"
     asked: Driver | None = None
-    last_lost: Mapping[str, int] = field(default_factory=dict)
+    last_lost: dict[int, Mapping[str, int]] = field(default_factory=dict)
+    opening: int | None = 0
     opened_ns: int = 0
     last_ns: dict[str, int] = field(default_factory=dict)
     samples: int = 0
@@ -139,9 +140,9 @@ class _Trial:
         driver = self.asked
         if driver is None:
             return
-        began = time.monotonic()
+        began, opening = time.monotonic(), self.opening
         try:
-            health = driver.health()
+            health: Any = driver.health()
         except Exception as error:  # noqa: BLE001  # same
             self.found.note(f"health() raised {_said(error)}")
             return
@@ -149,11 +150,12 @@ class _Trial:
             self.found.note(f"health() took more than {_HEALTH_S:g} s")
         for problem in _mistakes_of_health(health):
             self.found.note(f"health(): {problem}")
-        if isinstance(health, Health):
-            for cause, count in self.last_lost.items():
+        # Counts begin anew with an opening: those of one are not compared with those of another.
+        if isinstance(health, Health) and opening is not None and opening == self.opening:
+            for cause, count in self.last_lost.get(opening, {}).items():
                 if health.lost.get(cause, 0) < count:
                     self.found.note(f"health(): lost[{cause!r}] went down while it was open")
-            self.last_lost = dict(health.lost)
+            self.last_lost[opening] = dict(health.lost)
 
     def _step(self, call: Callable[[], None], name: str) -> None:
         self.doing = name
@@ -235,13 +237,14 @@ class _Trial:
 
     def _open_twice(self, driver: Driver, ports: tuple[Port, ...]) -> None:
         """Open it once more: refused, or without harm."""
-        self.doing = "open() of an open driver"
+        self.doing, self.opening = "open() of an open driver", None
         try:
             driver.open()
         except DeviceError:
             pass
         except Exception as error:  # noqa: BLE001  # same
             self.found.note(f"{self.doing} raised {_said(error)}, not a DeviceError")
+        self.opening = 1
         before = self.samples
         self._read_until_sample(driver, ports)
         if before and self.samples == before:

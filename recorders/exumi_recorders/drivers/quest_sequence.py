@@ -7,6 +7,7 @@ __all__ = ["Order", "SequenceWatch"]
 Order: TypeAlias = Literal["next", "late", "twice", "restart"]
 
 _WINDOW = 1024
+_PATIENCE = 32  # a number that is so far behind the newest does not come any more
 _LATE_NS = 10_000_000_000
 
 
@@ -22,6 +23,8 @@ class SequenceWatch:
     ----------
     lost : int
         Numbers that have been passed over and did not come since.
+    settled : int
+        Those of them that have had time enough to come: it never goes down.
     late, twice, restarts : int
         How often each was found.
     """
@@ -32,7 +35,7 @@ class SequenceWatch:
         self._newest_ns = 0
         self._seen = 0  # bit i: the number `newest - i` has come
         self._span = 0  # newest less first: what came before the first was never counted as lost
-        self.lost = 0
+        self.lost = self.settled = 0
         self.late = 0
         self.twice = 0
         self.restarts = 0
@@ -58,6 +61,7 @@ class SequenceWatch:
             self._span += ahead
             self._seen = (self._seen << min(ahead, _WINDOW)) & ((1 << _WINDOW) - 1) | 1
             self._newest, self._newest_ns = sequence, time_device_ns
+            self.settled = max(self.settled, self.lost - self._awaited())
             return "next"
         newer_ns = time_device_ns - self._newest_ns
         if ahead <= -_WINDOW or newer_ns > 0 or newer_ns < -_LATE_NS:
@@ -71,6 +75,11 @@ class SequenceWatch:
         self.late += 1
         self.lost -= -ahead <= self._span
         return "late"
+
+    def _awaited(self) -> int:
+        """Return how many of the newest numbers may still come."""
+        newest = min(_PATIENCE, self._span)
+        return newest - (self._seen & ((1 << newest) - 1)).bit_count()
 
     def _start(self, sequence: int, time_device_ns: int) -> None:
         self._newest, self._newest_ns = sequence, time_device_ns

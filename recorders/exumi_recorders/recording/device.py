@@ -2,8 +2,10 @@
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from exumi_recorders.contract import Driver, Event, Files, Health, Port, Sample
@@ -138,6 +140,9 @@ class DeviceThread:
         self._ready = threading.Event()
         self._failure: Exception | None = None
         self._health_at = 0
+        self._asking = threading.Lock()
+        # A driver counts from 0 when it is opened again; an episode does not.
+        self._lost_before: Mapping[str, int] = {}
         self._restarted: set[str] = set()
         self._frozen: set[str] = set()
         self._thread = threading.Thread(target=self._run, name=f"device {device.name}", daemon=True)
@@ -172,10 +177,16 @@ class DeviceThread:
         """Ask the driver how the device is; what it said last where it cannot say."""
         if self.connected:
             try:
-                self.health = self._driver.health()
+                self._ask()
             except Exception as error:  # noqa: BLE001  # a driver's mistake must not end a recording
                 self.trouble = _text(error)
         return self.health
+
+    def _ask(self) -> None:
+        with self._asking:
+            said = self._driver.health()
+            lost = Counter(self._lost_before) + Counter(said.lost)
+            self.health = replace(said, lost=dict(lost))
 
     def _run(self) -> None:
         try:
@@ -196,7 +207,7 @@ class DeviceThread:
                     self._take(items, now_ns)
                 if now_ns - self._health_at > _HEALTH_NS:
                     self._health_at = now_ns
-                    self.health = self._driver.health()
+                    self._ask()
             except Exception as error:  # noqa: BLE001  # a lost device, or a driver's mistake: others go on
                 self._lost(error)
         self._close()
@@ -244,6 +255,10 @@ class DeviceThread:
         detail = {"error": self.trouble}
         self._on_event(self.name, Event(DEVICE_LOST, time.monotonic_ns(), detail))
         self._wake()
+        with suppress(Exception):  # it may be why the device is lost
+            self._ask()
+        with self._asking:
+            self._lost_before = self.health.lost
         self._close()
         while not self._stop.wait(_REOPEN_S):
             try:

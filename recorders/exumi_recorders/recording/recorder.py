@@ -472,9 +472,7 @@ def _lost(thread: DeviceThread, now: Health, before: Health) -> dict[str, dict[s
         since = number - before.lost.get(key, 0)
         port, divided, cause = key.rpartition("/")
         stream = thread.streams.get(port if divided else first or "")
-        # A driver that was opened anew counts from 0.
-        since = number if since < 0 else since
-        if stream is not None and since:
+        if stream is not None and since > 0:
             found.setdefault(stream.name, {})[cause] = since
     return found
 

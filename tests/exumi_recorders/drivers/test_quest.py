@@ -94,9 +94,9 @@ def test_lost_late_and_twice_are_told_apart(listen: Listening) -> None:
     unique = list(dict.fromkeys(came))
     assert len(came) > len(unique), "some come twice"
     assert unique != sorted(unique), "some come late"
-    assert heard.health.lost["sequence"] == max(unique) - unique[0] + 1 - sum(
-        index >= unique[0] for index in unique
-    )
+    # The newest ones may still come.
+    old = range(unique[0], max(unique) - 31)
+    assert heard.health.lost["sequence"] == len(set(old) - set(unique)) > 0
     assert heard.health.lost["rejected_twice"] == len(came) - len(unique)
     assert [sample.sequence for sample in heard.of("pose")] == unique
     behind = [index < max(unique[: i + 1]) for i, index in enumerate(unique)]

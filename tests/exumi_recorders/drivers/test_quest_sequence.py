@@ -41,6 +41,22 @@ def test_an_app_that_starts_again_is_believed() -> None:
     assert (watch.lost, watch.restarts) == (0, 1)
 
 
+def test_what_may_still_come_is_not_counted_as_lost_for_good() -> None:
+    watch = SequenceWatch(M)
+    orders(watch, [0, 3])
+    assert (watch.lost, watch.settled) == (2, 0)
+    orders(watch, [1])
+    assert watch.lost == 1
+    orders(watch, list(range(4, 34)))
+    assert watch.settled == 0, "2 is 31 behind the newest"
+    orders(watch, [34])
+    assert (watch.lost, watch.settled) == (1, 1)
+    orders(watch, [2])
+    assert (watch.lost, watch.late, watch.settled) == (0, 2, 1), "it is not taken back"
+    orders(watch, [5000])
+    assert watch.settled == watch.lost - 31 == 5000 - 34 - 1 - 31
+
+
 def test_a_headset_that_starts_again_is_believed() -> None:
     watch = SequenceWatch(M)
     assert watch.take(700, 60_000 * MS) == "next"
@@ -50,7 +66,7 @@ def test_a_headset_that_starts_again_is_believed() -> None:
 
 
 @given(
-    st.lists(st.booleans(), min_size=1, max_size=60),
+    st.lists(st.booleans(), min_size=1, max_size=90),
 )
 def test_what_is_lost_is_counted_whatever_the_order(arrives: list[bool]) -> None:
     numbers = [i for i, kept in enumerate(arrives) if kept]
@@ -60,6 +76,10 @@ def test_what_is_lost_is_counted_whatever_the_order(arrives: list[bool]) -> None
     for i in range(0, len(swapped) - 2, 3):  # the first stays the first
         swapped[i + 1], swapped[i + 2] = swapped[i + 2], swapped[i + 1]
     watch = SequenceWatch(M)
-    orders(watch, swapped)
+    settled = [0]
+    for number in swapped:
+        orders(watch, [number])
+        settled.append(watch.settled)
+    assert settled == sorted(settled)
     assert watch.lost == numbers[-1] - numbers[0] + 1 - len(numbers)
     assert watch.restarts == watch.twice == 0

@@ -178,6 +178,26 @@ def test_a_device_that_is_lost_comes_back_and_others_go_on(dataset: Path) -> Non
         assert "device-lost" in {note.code for note in found.metadata.quality}
 
 
+def test_what_a_device_lost_before_it_was_unplugged_still_counts(dataset: Path) -> None:
+    class Counting(Toy):
+        """It has lost a sample each time that it was opened, and two more as it goes."""
+
+        def health(self) -> Health:
+            more = 2 if sum(self._next.values()) > 20 else 0
+            return Health(lost={"late": 1 + more})
+
+    toy = Counting(rates={"pose": 90.0}, lose_at_s=0.5, back_after=2)
+    with Recorder([device(toy)], space=ROOM) as recorder:
+        recorder.start(dataset, episode())
+        until(lambda: "device_lost" in codes(recorder))
+        assert recorder.status().streams[0].lost == {"late": 2}
+        until(lambda: "device_lost" not in codes(recorder))
+        until(lambda: recorder.status().streams[0].lost == {"late": 5})
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        assert found["pose"].metadata.lost == {"late": 5}
+
+
 def test_a_frozen_headset_is_told_within_a_second(dataset: Path) -> None:
     toy = Toy(rates={"pose": 90.0}, freeze_at_s=0.2)
     with Recorder([device(toy)], space=ROOM) as recorder:
