@@ -7,7 +7,6 @@ import shutil
 import struct
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -185,37 +184,42 @@ class JournalWriter:
         Raises
         ------
         OSError
-            The disk reports that something was not written.
+            The disk reports that something was not written, and `truncated` does not say so: call
+            it again with the reason, or `abandon`.
         """
         if self._lock < 0:
             return
-        try:
-            self._stop_flusher()
-            write_state(self.path, JournalState(state="stopped", truncated=truncated))
-        finally:
-            self._close_logs()
+        error = self._close_all()
+        if error is not None and truncated is None:
+            raise error
+        write_state(self.path, JournalState(state="stopped", truncated=truncated))
+        self._unlock()
 
     def abandon(self) -> None:
         """Close what is open, and leave the state as it is: the journal can be recovered."""
-        with suppress(OSError):
-            self._close_logs()
+        self._close_all()
+        self._unlock()
 
-    def _stop_flusher(self) -> None:
+    def _close_all(self) -> OSError | None:
+        """Close all logs, also a second time; return the last thing that the disk reported."""
+        found = None
         if self._flusher is not None:
             self._flusher.stop()
-            for log in self._logs.values():
-                self._flusher.tell(log.writer.close())
+            found = self._flusher.error
+        for log in self._logs.values():
+            try:
+                flushed = log.writer.close()
+            except OSError as error:
+                found = error
+                continue
+            if self._flusher is not None:
+                self._flusher.tell(flushed)
+        return found
 
-    def _close_logs(self) -> None:
-        if self._flusher is not None:
-            self._flusher.stop()
-        try:
-            for log in self._logs.values():
-                log.writer.close()
-        finally:
-            if self._lock >= 0:
-                os.close(self._lock)
-                self._lock = -1
+    def _unlock(self) -> None:
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
 
 
 def _write_array(folder: Path, name: str, values: np.ndarray) -> None:

@@ -434,9 +434,6 @@ class Recorder:
             problems.append(Problem("", code, f"The recording was ended: {truncated}."))
         if share >= self._limits.warn_share:
             problems.append(Problem("", "disk_slow", "The disk cannot keep up."))
-        if episode is not None and episode.journal.flush_error is not None:
-            text = f"The disk reports: {episode.journal.flush_error.strerror}."
-            problems.append(Problem("", "disk_error", text))
         return problems
 
 

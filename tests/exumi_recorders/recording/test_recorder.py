@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -340,6 +341,43 @@ def test_a_full_disk_ends_the_episode_cleanly(
         notes = {note.code: note.message for note in found.metadata.quality}
         assert notes["truncated"].startswith(truncated)
         assert len(found["pose"]) == recorded.samples["pose"]
+
+
+@pytest.mark.parametrize(
+    ("code", "truncated"), [(errno.ENOSPC, "disk_full"), (errno.EIO, "disk_error (of the disk)")]
+)
+def test_a_disk_that_takes_everything_and_keeps_nothing_ends_the_episode(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch, code: int, truncated: str
+) -> None:
+    def fdatasync(_: int) -> None:
+        raise OSError(code, "of the disk")
+
+    with Recorder([device(Toy())], space=ROOM) as recorder:
+        journal = recorder.start(dataset, episode())
+        until(lambda: recorder.status().streams[0].samples > 10)
+        monkeypatch.setattr(os, "fdatasync", fdatasync)
+        assert until(lambda: recorder.status().truncated == truncated) < 1.0
+        recorded = recorder.stop()
+    assert not (dataset / ".recording" / ".reserve").exists()
+    state = read_state(journal)
+    assert (state.state, state.truncated) == ("stopped", truncated)
+    with finished(dataset, recorded) as found:
+        assert {note.code for note in found.metadata.quality} == {"truncated"}
+        assert len(found["pose"]) == recorded.samples["pose"]
+
+
+def test_a_disk_that_fails_at_the_very_end_is_told(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fdatasync(_: int) -> None:
+        raise OSError(errno.EIO, "of the disk")
+
+    with Recorder([device(Toy())], space=ROOM) as recorder:
+        journal = recorder.start(dataset, episode())
+        monkeypatch.setattr(os, "fdatasync", fdatasync)
+        recorded = recorder.stop()
+        assert "disk_error" in codes(recorder)
+    assert recorded.truncated == read_state(journal).truncated == "disk_error (of the disk)"
 
 
 def test_the_hard_limit_ends_an_episode_before_the_disk_is_full(dataset: Path) -> None:
