@@ -21,6 +21,7 @@ from exumi_recorders.journal.record import MAX_PAYLOAD_BYTES
 __all__ = [
     "CLOCK_LOG",
     "EVENTS_LOG",
+    "HEADER_LOG",
     "JOURNAL_FORMAT",
     "JournalHeader",
     "KnownLatency",
@@ -34,7 +35,9 @@ __all__ = [
 JOURNAL_FORMAT = "exumi-journal"
 EVENTS_LOG = "events"
 CLOCK_LOG = "clock"
-_RESERVED = frozenset((EVENTS_LOG, CLOCK_LOG, "calibration"))
+HEADER_LOG = "header"
+"""Holds the header once more, as a record with a checksum: without a header all is lost."""
+_RESERVED = frozenset((EVENTS_LOG, CLOCK_LOG, HEADER_LOG, "calibration"))
 
 
 class ArrayLayout(Model):

@@ -16,7 +16,7 @@ from exumi_data.model.base import STREAM_NAME
 from exumi_data.store.files import sync_folder, try_lock, write_atomic
 from exumi_recorders.contract import Event
 from exumi_recorders.journal.flusher import FLUSH_PERIOD_S, Flusher, OnFlushed
-from exumi_recorders.journal.header import CLOCK_LOG, EVENTS_LOG, JournalHeader
+from exumi_recorders.journal.header import CLOCK_LOG, EVENTS_LOG, HEADER_LOG, JournalHeader
 from exumi_recorders.journal.log import SEGMENT_BYTES, LogWriter
 from exumi_recorders.journal.record import NONE, pack_header, salt_of
 from exumi_recorders.journal.states import (
@@ -107,8 +107,10 @@ class JournalWriter:
                 log = LogWriter(self.path / name, segment_bytes=segment_bytes)
                 self._logs[name] = _Numbered(log, salt_of(header.episode.id, name))
             write_state(self.path, JournalState(state="recording"))
+            raw = header.to_json()
+            _write_copy(self.path / HEADER_LOG, header.episode.id, raw)
             # Last: a journal without a header was never shown as recording.
-            write_atomic(self.path / HEADER_NAME, header.to_json())
+            write_atomic(self.path / HEADER_NAME, raw)
             for folder in (self.path, self.path.parent, dataset):
                 sync_folder(folder)
             self._flusher = Flusher(
@@ -220,6 +222,13 @@ class JournalWriter:
         if self._lock >= 0:
             os.close(self._lock)
             self._lock = -1
+
+
+def _write_copy(folder: Path, episode_id: str, raw: bytes) -> None:
+    """Write the header as the one record of a log of its own."""
+    log = LogWriter(folder)
+    log.append((pack_header(salt_of(episode_id, HEADER_LOG), 0, 0, NONE, NONE, 0, raw), raw))
+    log.close()
 
 
 def _write_array(folder: Path, name: str, values: np.ndarray) -> None:

@@ -1,6 +1,7 @@
 """Journals become episodes that the validator finds valid, with all that was known in them."""
 
 import json
+import shutil
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -507,6 +508,7 @@ def test_a_header_of_another_journal_is_refused(dataset: Path) -> None:
     other = json.loads((journal / "header.json").read_text())
     other["episode"]["id"] = episode(2).id
     (journal / "header.json").write_text(json.dumps(other))
+    shutil.rmtree(journal / "header")
     with pytest.raises(DamagedDataError, match="the header is that of"):
         finalise(journal)
     assert journal.exists()
