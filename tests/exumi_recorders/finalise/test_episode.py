@@ -39,6 +39,7 @@ from tests.exumi_recorders.numbered import (
     episode,
     picture,
     port,
+    pose,
 )
 
 QUEST = Port(
@@ -154,6 +155,41 @@ def test_what_was_dropped_and_lost_is_told(dataset: Path) -> None:
         flags = found["camera"].flags
         assert flags is not None
         assert np.flatnonzero(flags).tolist() == [5, 10]
+
+
+def test_a_device_that_was_silent_leaves_a_gap_though_its_numbers_go_on(dataset: Path) -> None:
+    given = samples("pose", 200, 90.0)
+    for number in range(100, 200):
+        sample = given[number]
+        assert sample is not None
+        given[number] = replace(sample, time_host_ns=sample.time_host_ns + 2 * S)
+    finalise(make_journal(dataset, {"pose": (POSE, given)}))
+    with open_final(dataset) as found:
+        gaps = found["pose"].metadata.gaps or []
+        assert [(gap.after, gap.lost, gap.reason) for gap in gaps] == [(99, None, "no sample came")]
+        assert found["pose"].flags is not None
+        assert np.flatnonzero(found["pose"].flags & 4).tolist() == [100]
+        assert found["pose"].metadata.lost is None
+
+
+def test_what_waited_in_the_air_leaves_no_gap_where_the_device_tells_its_time(
+    dataset: Path,
+) -> None:
+    stamped = replace(POSE, time_device_unit="us")
+    given: list[Sample | None] = []
+    order = [*range(50), 52, 50, 51, *range(53, 100), *range(200, 250)]
+    for came, number in enumerate(order):
+        # From 60 to 70 nothing comes; then all of it at once.
+        at = max(number, 70 + came / 1000) if 60 <= number <= 70 else number
+        sent_us = round(number * 1e6 / 90)
+        host_ns = T0 + S + round(at * S / 90)
+        sequence = number if number < 100 else number - 100  # it was silent, and nothing is lost
+        sample = Sample("pose", host_ns, pose(came), time_device_ns=sent_us, sequence=sequence)
+        given.append(sample)
+    finalise(make_journal(dataset, {"pose": (stamped, given)}))
+    with open_final(dataset) as found:
+        gaps = found["pose"].metadata.gaps or []
+        assert [(gap.after, gap.lost) for gap in gaps] == [(99, None)]
 
 
 def test_poses_are_in_the_world_that_was_marked(dataset: Path) -> None:
