@@ -29,11 +29,18 @@ class Columns:
     port : Port
     clock : Clock
     losses : Losses
+
+    Attributes
+    ----------
+    first_ns, last_ns : int or None
+        Host times of the first and the newest sample.
     """
 
     def __init__(self, port: Port, clock: Clock, losses: Losses) -> None:
         self._times = StreamTimes(clock)
         self._losses = losses
+        self.first_ns: int | None = None
+        self.last_ns: int | None = None
         self._with_device_time: bool | None = None
         self._with_sequence: bool | None = None
         self._last_tick_ns: int | None = None
@@ -73,6 +80,9 @@ class Columns:
             self._with_device_time = has_device and self._has_unit
         if self._with_sequence:
             columns["sequence"] = self._sequence(numbered.sequence, flags)
+        if len(host):
+            self.first_ns = int(host[0]) if self.first_ns is None else self.first_ns
+            self.last_ns = int(host[-1])
         ticks_ns = host
         if self._with_device_time:
             columns["time_device"] = block.time_device[kept]

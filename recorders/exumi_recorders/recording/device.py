@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from exumi_recorders.contract import Driver, Event, Files, Health, Port, Sample
-from exumi_recorders.finalise.events import DEVICE_BACK, DEVICE_LOST
+from exumi_recorders.finalise.events import DEVICE_BACK, DEVICE_LOST, FROZEN
 from exumi_recorders.finalise.losses import KNOWN_FLAGS
 from exumi_recorders.journal.record import RESTARTED
 from exumi_recorders.recording.status import StreamMeter
@@ -17,10 +17,8 @@ from exumi_recorders.recording.status import StreamMeter
 if TYPE_CHECKING:
     from exumi_recorders.recording.lanes import Lane
 
-__all__ = ["FROZEN", "DeviceThread", "RecordedDevice", "RecordedStream"]
+__all__ = ["DeviceThread", "RecordedDevice", "RecordedStream"]
 
-FROZEN = "frozen"
-"""Event: a pose stream has repeated itself for `FROZEN_AFTER_NS`."""
 FROZEN_AFTER_NS = 500_000_000
 
 _READ_S = 0.1

@@ -14,6 +14,7 @@ from exumi_data.model.description import CalibrationItem
 from exumi_data.model.episode import EpisodeMetadata
 from exumi_recorders.contract import DeviceError, Event, Health, Sample
 from exumi_recorders.finalise.clocks import utc_text
+from exumi_recorders.finalise.events import FROZEN, STOPPED
 from exumi_recorders.finalise.rehearsal import rehearse
 from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.journal.flusher import OnFlushed
@@ -275,6 +276,10 @@ class Recorder:
         with self._events_lock:
             for (device, _name), event in self._sticky.items():
                 writer.put_event(device, event)
+            for stream in streams.values():
+                if stream.frozen:  # it is since before the episode
+                    event = Event(FROZEN, monotonic, {"stream": stream.name})
+                    writer.put_event(stream.device, event)
             self._episode = _Episode(metadata.id, monotonic, journal, writer, lanes, health)
         writer.start()
         return journal.path
@@ -317,6 +322,7 @@ class Recorder:
         stop_ns = time.monotonic_ns()
         for lane in episode.lanes.values():
             lane.end_at(stop_ns)
+        episode.writer.put_event("", Event(STOPPED, stop_ns))
         if episode.writer.truncated is None:
             time.sleep(_GRACE_S)  # what was stamped before may still be on its way
         self._detach(episode.lanes)

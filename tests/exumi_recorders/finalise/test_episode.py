@@ -290,6 +290,14 @@ def test_files_that_are_no_images_are_left_out(dataset: Path) -> None:
         assert "5 payloads of camera were no JPEG of 64x48" in notes(found)["files-left-out"]
 
 
+def test_poses_that_jumped_are_told_of(dataset: Path) -> None:
+    events = [Event("pose_jump", T0 + S, {"port": "pose", "distance_m": m}) for m in (0.4, 1.25)]
+    events.append(Event("pose_jump", T0 + S, {"port": "headset", "distance_m": 3.0}))
+    finalise(make_journal(dataset, {"tool": (POSE, samples("pose", 9, 90.0))}, events=events))
+    with open_final(dataset) as found:
+        assert notes(found) == {"pose-jumped": "the pose jumped 2 times, by up to 1.25 m"}
+
+
 def test_a_stream_without_a_sample_is_left_out(dataset: Path) -> None:
     streams = {"pose": (POSE, samples("pose", 5, 90.0)), "camera": (CAMERA, [])}
     bad = {"camera2": (CAMERA, [Sample("camera", T0 + 1, b"no JPEG")])}

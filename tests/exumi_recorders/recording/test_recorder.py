@@ -211,14 +211,57 @@ def test_a_frozen_headset_is_told_within_a_second(dataset: Path) -> None:
         settings = found.metadata.source.settings
         assert settings is not None
         assert [event["name"] for event in settings["events"]] == ["frozen"]
+        assert [(n.code, n.stream) for n in found.metadata.quality] == [("pose-frozen", "pose")]
+
+
+def test_an_episode_that_begins_with_a_frozen_pose_says_so(dataset: Path) -> None:
+    toy = Toy(rates={"pose": 90.0}, freeze_at_s=0.01)
+    with Recorder([device(toy)], space=ROOM) as recorder:
+        until(lambda: "frozen" in codes(recorder))
+        recorder.start(dataset, episode())
+        until(lambda: recorder.status().streams[0].samples > 3)
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        assert [(n.code, n.stream) for n in found.metadata.quality] == [("pose-frozen", "pose")]
+
+
+class Silent(Toy):
+    """It says nothing while `quiet`."""
+
+    quiet = True
+
+    def read(self, timeout_s: float) -> list[Sample | Event]:
+        if not self.quiet:
+            return super().read(timeout_s)
+        time.sleep(timeout_s)
+        self._start = time.monotonic_ns()
+        return []
+
+
+def test_a_device_that_is_silent_at_the_start_or_at_the_end_is_told_of(dataset: Path) -> None:
+    toys = {name: Silent(rates={"pose": 90.0}) for name in ("early", "late", "good")}
+    devices = [replace(device(toy, name), streams={"pose": name}) for name, toy in toys.items()]
+    toys["early"].quiet = toys["good"].quiet = False
+    with Recorder(devices, space=ROOM) as recorder:
+        recorder.start(dataset, episode())
+        until(lambda: recorder.status().streams[0].samples > 3)
+        toys["early"].quiet = True
+        time.sleep(1.1)
+        toys["late"].quiet = False
+        time.sleep(0.2)
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        gaps = {name: found[name].metadata.gaps for name in found.streams}
+        assert [gap.after for gap in gaps["late"] or []] == [-1]
+        assert [gap.after for gap in gaps["early"] or []] == [len(found["early"]) - 1]
+        assert gaps["good"] is None
+        notes = {note.stream: note.message for note in found.metadata.quality}
+        assert "in the first 1." in notes["late"]
+        assert "in the last 1." in notes["early"]
+        assert len(notes) == 2
 
 
 def test_a_silent_device_is_told_within_a_second() -> None:
-    class Silent(Toy):
-        def read(self, timeout_s: float) -> list[Sample | Event]:
-            time.sleep(timeout_s)
-            return []
-
     with Recorder([device(Silent())]) as recorder:
         assert until(lambda: "no_samples" in codes(recorder)) < 1.0
 
