@@ -258,7 +258,7 @@ def _write(
             writer.metadata.quality.append(epoch.note)
         _leave_notes(context, state)
         _note_damages_beside(context, journal, beside)
-        _keep_events(context, events)
+        _keep_events(context, events, header.boot_id)
     return counts
 
 
@@ -330,16 +330,15 @@ def _note_damages_beside(context: Context, journal: Path, damages: list[Damage])
     )
 
 
-def _keep_events(context: Context, events: EventSummary) -> None:
+def _keep_events(context: Context, events: EventSummary, boot_id: str) -> None:
     """Keep what happened beside the samples with the episode's source: the journal goes."""
-    if not events.kept:
-        return
     source = context.writer.metadata.source
-    settings = dict(source.settings or {})
-    settings["events"] = [
-        {"time_ns": time_ns - context.t0_ns, "device": device, "name": name, "detail": detail}
-        for time_ns, device, name, detail in events.kept
-    ]
+    settings = {**(source.settings or {}), "boot_id": boot_id}
+    if events.kept:
+        settings["events"] = [
+            {"time_ns": time_ns - context.t0_ns, "device": device, "name": name, "detail": detail}
+            for time_ns, device, name, detail in events.kept
+        ]
     if events.unkept:
         settings["events_left_out"] = events.unkept
     source.settings = settings

@@ -42,7 +42,7 @@ __all__ = ["LATENCY", "Recorded", "Recorder"]
 
 LATENCY = "latency/"
 """A calibration item of this name and a stream's is its latency: value and uncertainty in ns."""
-STICKY = ("world_frame", "controls")
+STICKY = ("world_frame", "controls", "clock")
 """Events that hold until the next one: an episode that begins later gets the last one."""
 
 _OPEN_S = 30.0

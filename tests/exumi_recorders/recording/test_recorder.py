@@ -289,7 +289,12 @@ def test_what_the_driver_knows_is_shown_and_counted(dataset: Path) -> None:
 def test_what_holds_until_the_next_event_reaches_later_episodes(dataset: Path) -> None:
     pose = [0.0, 1, 0, 0, 0, 0, 1]
     toy = Toy(
-        events=[Event("controls", 1, {"exposure": 5}), Event("world_frame", 2, {"pose": pose})]
+        events=[
+            Event("controls", 1, {"exposure": 5}),
+            Event("world_frame", 2, {"pose": pose}),
+            Event("clock", 3, {"clock_offset_ns": 7}),
+            Event("key", 4, {"name": "a"}),
+        ]
     )
     with Recorder([device(toy)], space=ROOM) as recorder:
         until(lambda: recorder.status().streams[0].rate_hz is not None)
@@ -304,8 +309,10 @@ def test_what_holds_until_the_next_event_reaches_later_episodes(dataset: Path) -
         assert kept == {
             "controls": {"exposure": 5},
             "world_frame": {"pose": pose},
+            "clock": {"clock_offset_ns": 7},
             "operator": {"text": "go"},
         }
+        assert settings["boot_id"] == Path("/proc/sys/kernel/random/boot_id").read_text().strip()
 
 
 # ------------------------------------------------------------------------------------------ disk
