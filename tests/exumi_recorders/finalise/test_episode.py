@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import simplejpeg
 
 import exumi_data
 from exumi_data.catalog import episode_path
@@ -121,6 +122,28 @@ def test_everything_that_came_is_in_the_episode(dataset: Path) -> None:
         assert found["pose"].metadata.gaps is None
         assert found["pose"].metadata.lost is None
         assert found.metadata.start is not None
+
+
+def test_no_image_is_decoded_but_those_of_a_reference(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decoded: list[bytes] = []
+    real = simplejpeg.decode_jpeg
+
+    def decode(data: bytes, *given: Any, **named: Any) -> Any:
+        decoded.append(bytes(data))
+        return real(data, *given, **named)
+
+    monkeypatch.setattr(simplejpeg, "decode_jpeg", decode)
+    touch = port(CAMERA, kind="tactile")
+    given = samples("camera", 40)
+    finalise(make_journal(dataset, {"camera": (CAMERA, given), "touch": (touch, given)}))
+    assert decoded == []
+    times = {"stream": "touch", "from_ns": T0, "until_ns": T0 + S}
+    event = Event("reference", T0 + S, times)
+    streams = {"camera": (CAMERA, given), "touch": (touch, given)}
+    finalise(make_journal(dataset, streams, events=[event], metadata=episode(2)))
+    assert decoded == list(map(picture, range(9)))
 
 
 def test_a_second_run_changes_nothing(dataset: Path) -> None:
