@@ -23,6 +23,7 @@ __all__ = [
     "EVENTS_LOG",
     "HEADER_LOG",
     "JOURNAL_FORMAT",
+    "RESERVED",
     "JournalHeader",
     "KnownLatency",
     "PortDocument",
@@ -37,7 +38,8 @@ EVENTS_LOG = "events"
 CLOCK_LOG = "clock"
 HEADER_LOG = "header"
 """Holds the header once more, as a record with a checksum: without a header all is lost."""
-_RESERVED = frozenset((EVENTS_LOG, CLOCK_LOG, HEADER_LOG, "calibration"))
+RESERVED = frozenset((EVENTS_LOG, CLOCK_LOG, HEADER_LOG, "calibration"))
+"""What no stream can be called: a journal has folders of these names."""
 
 
 class ArrayLayout(Model):
@@ -148,7 +150,7 @@ class JournalHeader(Model):
 
     @model_validator(mode="after")
     def _consistent(self) -> "JournalHeader":
-        if taken := _RESERVED & set(self.streams):
+        if taken := RESERVED & set(self.streams):
             msg = f"no stream can be called {min(taken)!r}: a log or folder of the journal is"
             raise ValueError(msg)
         if self.episode.streams:

@@ -42,6 +42,8 @@ __all__ = ["LATENCY", "Recorded", "Recorder"]
 
 LATENCY = "latency/"
 """A calibration item of this name and a stream's is its latency: value and uncertainty in ns."""
+MALFORMED = "malformed"
+"""Cause of samples that cannot be stored: of another length, or stamped in the future."""
 STICKY = ("world_frame", "controls", "clock")
 """Events that hold until the next one: an episode that begins later gets the last one."""
 
@@ -390,7 +392,7 @@ class Recorder:
             for name, causes in _lost(thread, health, episode.health[thread.name]).items():
                 lost.setdefault(name, {}).update(causes)
         for name, lane in episode.lanes.items():
-            for cause, number in (("queue", lane.dropped), ("malformed", lane.malformed)):
+            for cause, number in (("queue", lane.dropped), (MALFORMED, lane.malformed)):
                 if number:
                     lost.setdefault(name, {})[cause] = number
         return {"lost": lost, "stamp_sigma_ns": sigmas}
@@ -494,7 +496,7 @@ def _stream_status(
         age_s=None if newest is None else (now_ns - newest) / 1e9,
         samples=0 if lane is None else lane.written,
         dropped=0 if lane is None else lane.dropped,
-        lost=lost,
+        lost=lost if lane is None or not lane.malformed else {**lost, MALFORMED: lane.malformed},
         queue_bytes=0 if lane is None else lane.waiting_bytes,
         queue_age_s=0.0 if lane is None else lane.age_ns(now_ns) / 1e9,
     )
@@ -519,6 +521,9 @@ def _stream_problems(
     if status.dropped:
         text = f"{status.dropped} samples were dropped: the disk cannot keep up."
         problems.append(Problem(stream.name, "dropping", text))
+    if malformed := status.lost.get(MALFORMED):
+        text = f"{malformed} samples were not what the driver promised, and are left out."
+        problems.append(Problem(stream.name, MALFORMED, text))
     if stream.frozen:
         problems.append(
             Problem(stream.name, "frozen", "The pose does not change: tracking may be lost.")

@@ -122,6 +122,9 @@ def test_a_device_that_cannot_be_opened_closes_all(dataset: Path) -> None:
     assert good.closed
     with pytest.raises(UsageError, match="one name"):
         Recorder([device(Toy(), "a"), device(Toy(), "b")])
+    taken = Recorder([replace(device(Toy()), streams={"pose": "events"})])
+    with pytest.raises(UsageError, match="no stream can be called 'events'"):
+        taken.open()
     wrong = Recorder([replace(device(Toy()), streams={"gyro": "gyro"})])
     with pytest.raises(DeviceError, match="no port 'gyro'"):
         wrong.open()
@@ -284,6 +287,20 @@ def test_what_the_driver_knows_is_shown_and_counted(dataset: Path) -> None:
         assert found["pose"].metadata.lost == {"kernel": 2, "late": 2}
         assert found["camera"].metadata.lost == {"crc": 1}
         assert found["pose"].metadata.clock.offset_sigma_ns == 12.5
+
+
+def test_samples_that_cannot_be_stored_are_told_and_counted(dataset: Path) -> None:
+    class Wrong(Toy):
+        def _sample(self, name: str, own: int, rate: float) -> Sample:
+            sample = super()._sample(name, own, rate)
+            return replace(sample, payload=b"short") if own % 3 == 2 else sample
+
+    with Recorder([device(Wrong(rates={"pose": 90.0}))], space=ROOM) as recorder:
+        recorder.start(dataset, episode())
+        assert until(lambda: "malformed" in codes(recorder)) < 1.0
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        assert (found["pose"].metadata.lost or {})["malformed"] > 0
 
 
 def test_what_holds_until_the_next_event_reaches_later_episodes(dataset: Path) -> None:
