@@ -190,8 +190,9 @@ class Event:
     ----------
     name : str
         ``record_flag`` (detail: ``on``), ``world_frame`` (``pose``: x y z qx qy qz qw, as sent),
-        ``controls`` (name to value), ``key`` (``name``), ``restart`` (the device numbers the
-        samples after it anew), or a name of the driver's own.
+        ``controls`` (name to value), ``clock`` (how the device's clock stands to the hub's),
+        ``key`` (``name``), ``restart`` (the device numbers the samples after it anew), or a name
+        of the driver's own.
     time_host_ns : int
         CLOCK_MONOTONIC.
     detail : mapping

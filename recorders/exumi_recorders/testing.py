@@ -11,7 +11,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -150,8 +149,8 @@ class _Trial:
     found: _Found = field(default_factory=_Found)
     doing: str = "make()"
     asked: Driver | None = None
-    opens: int = 0
-    last_lost: tuple[int, Mapping[str, int]] = (0, MappingProxyType({}))
+    last_lost: dict[int, Mapping[str, int]] = field(default_factory=dict)
+    opening: int | None = 0
     opened_ns: int = 0
     seen: dict[str, _Seen] = field(default_factory=dict)
     samples: int = 0
@@ -186,10 +185,10 @@ class _Trial:
 
     def look_at_health(self) -> None:
         """Ask for the health from a thread that is not the driver's."""
-        driver, opens = self.asked, self.opens
+        driver = self.asked
         if driver is None:
             return
-        began = time.monotonic()
+        began, opening = time.monotonic(), self.opening
         try:
             health: Any = driver.health()  # whatever it may be
         except Exception as error:  # noqa: BLE001  # same
@@ -199,12 +198,12 @@ class _Trial:
             self.found.note(f"health() took more than {_HEALTH_S:g} s")
         for problem in _mistakes_of_health(health):
             self.found.note(f"health(): {problem}")
-        if isinstance(health, Health) and opens == self.opens:
-            before = self.last_lost[1] if self.last_lost[0] == opens else {}
-            for cause, count in before.items():
+        # Counts begin anew with an opening: those of one are not compared with those of another.
+        if isinstance(health, Health) and opening is not None and opening == self.opening:
+            for cause, count in self.last_lost.get(opening, {}).items():
                 if health.lost.get(cause, 0) < count and cause != "sequence":
                     self.found.note(f"health(): lost[{cause!r}] went down while it was open")
-            self.last_lost = opens, dict(health.lost)
+            self.last_lost[opening] = dict(health.lost)
 
     def _step(self, call: Callable[[], None], name: str) -> None:
         self.doing, began = name, time.monotonic()
@@ -289,15 +288,14 @@ class _Trial:
 
     def _open_twice(self, driver: Driver, ports: tuple[Port, ...]) -> None:
         """Open it once more: refused, or without harm."""
-        self.doing = "open() of an open driver"
-        self.opens += 1
+        self.doing, self.opening = "open() of an open driver", None
         try:
             driver.open()
         except DeviceError:
             pass
         except Exception as error:  # noqa: BLE001  # same
             self.found.note(f"{self.doing} raised {_said(error)}, not a DeviceError")
-        self.opens += 1  # it may count from 0 from here on
+        self.opening = 1
         before = self.samples
         self._read_until_sample(driver, ports)
         if before and self.samples == before:

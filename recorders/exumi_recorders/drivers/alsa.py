@@ -17,6 +17,7 @@ from exumi_recorders.contract import Blocks, DeviceError, DriverType, Event, Hea
 from exumi_recorders.drivers.alsa_pcm import AlsaPcm, OverrunError, Pcm
 from exumi_recorders.drivers.camera import Frame, Shape
 from exumi_recorders.drivers.socket_camera import SocketSource
+from exumi_recorders.drivers.waiting import first_items
 
 __all__ = ["DRIVER", "AlsaSource", "SoundDriver", "SoundOptions"]
 
@@ -189,26 +190,25 @@ class SoundDriver:
         self._seen_ns = self._now_ns()
 
     def read(self, timeout_s: float) -> list[Sample | Event]:
-        """Return the blocks that have come.
+        """Return the blocks that have come; wait for the first, but not longer.
 
         Raises
         ------
         DeviceLostError
             The card is gone.
         """
-        if self._source is None:
+        source = self._source
+        if source is None:
             raise DeviceError(f"the sound card {self._options.device} is not open")
-        end_ns = self._now_ns() + int(timeout_s * NS_PER_S)
-        while True:
-            left_s = max(0.0, (end_ns - self._now_ns()) / NS_PER_S)
-            blocks = self._source.read(left_s)
-            found: list[Sample | Event] = [
+
+        def receive(left_s: float) -> list[Sample | Event]:
+            return [
                 Sample("sound", block.stamp_ns, block.data, sequence=block.sequence)
-                for block in blocks
+                for block in source.read(left_s)
                 if self._takes(block)
             ]
-            if found or not blocks or not left_s:
-                return found
+
+        return first_items(receive, timeout_s)
 
     def _takes(self, block: Frame) -> bool:
         self._seen_ns = self._now_ns()

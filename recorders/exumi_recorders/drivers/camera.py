@@ -20,6 +20,7 @@ from exumi_data.store import jpeg
 from exumi_data.time import NS_PER_S
 from exumi_recorders.contract import DeviceError, Event, Files, Health, Port, Sample
 from exumi_recorders.drivers.v4l2 import InterfaceError
+from exumi_recorders.drivers.waiting import first_items
 
 __all__ = [
     "CameraDriver",
@@ -324,25 +325,25 @@ class CameraDriver:
             )
 
     def read(self, timeout_s: float) -> list[Sample | Event]:
-        """Return the images that have come.
+        """Return the images that have come; wait for the first, but not longer.
 
         Raises
         ------
         DeviceLostError
             The camera was unplugged.
         """
-        if self._source is None:
+        source = self._source
+        if source is None:
             raise DeviceError(f"the camera {self._options.device} is not open")
-        end_ns = self._now_ns() + int(timeout_s * NS_PER_S)
-        while not self._ready:
-            left_s = max(0.0, (end_ns - self._now_ns()) / NS_PER_S)
-            frames = self._source.read(left_s)
-            for frame in frames:
-                self._take(frame)
-            if not frames or not left_s:
-                break
-        ready, self._ready = self._ready, []
-        return ready
+
+        def receive(left_s: float) -> list[Sample | Event]:
+            if not self._ready:
+                for frame in source.read(left_s):
+                    self._take(frame)
+            ready, self._ready = self._ready, []
+            return ready
+
+        return first_items(receive, timeout_s)
 
     def _take(self, frame: Frame) -> None:
         """Count a frame, and keep it unless something is wrong with it."""

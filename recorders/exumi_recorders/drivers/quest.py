@@ -9,6 +9,7 @@ from exumi_recorders.drivers.quest_options import QuestOptions, make_ports
 from exumi_recorders.drivers.quest_report import problems_of, readings_of
 from exumi_recorders.drivers.quest_stream import QuestStream
 from exumi_recorders.drivers.stamped_udp import StampedSocket
+from exumi_recorders.drivers.waiting import first_items
 
 __all__ = ["DRIVER", "Quest"]
 
@@ -69,15 +70,14 @@ class Quest:
         DeviceLostError
             The socket fails.
         """
-        until_s = time.monotonic() + timeout_s
-        while True:
-            # Much that comes is no sample: a world frame again, an echo, what is refused.
-            left_s = max(0.0, until_s - time.monotonic())
-            datagrams = self._link().receive(left_s)
+        link = self._link()
+
+        def receive(left_s: float) -> list[Sample | Event]:
+            datagrams = link.receive(left_s)
             with self._lock:
-                found = [one for datagram in datagrams for one in self._stream.take(datagram)]
-            if found or not left_s:
-                return found
+                return [found for datagram in datagrams for found in self._stream.take(datagram)]
+
+        return first_items(receive, timeout_s)
 
     def health(self) -> Health:
         """Tell how the device is."""

@@ -28,7 +28,7 @@ class Flusher:
     Attributes
     ----------
     error : OSError or None
-        What the disk reported last; recording goes on, as what is in memory may yet be written.
+        What the disk reported last: what was appended since the last flush may be lost.
     """
 
     def __init__(

@@ -86,6 +86,8 @@ class LogWriter:
             Nothing more can be written, as when the disk is full. Whole records that were written
             stay, the rest of one is cut off.
         """
+        if self._closed:
+            raise OSError(errno.EBADF, "the log is closed", str(self.folder))
         for start in range(0, len(pieces), _MOST_PIECES):
             if self._current.position >= self._segment_bytes:
                 begun = self._begin()

@@ -2,12 +2,14 @@
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from exumi_recorders.contract import Driver, Event, Files, Health, Port, Sample
-from exumi_recorders.finalise.events import DEVICE_BACK, DEVICE_LOST
+from exumi_recorders.finalise.events import DEVICE_BACK, DEVICE_LOST, FROZEN
 from exumi_recorders.finalise.losses import KNOWN_FLAGS
 from exumi_recorders.journal.record import RESTARTED
 from exumi_recorders.recording.status import StreamMeter
@@ -15,10 +17,8 @@ from exumi_recorders.recording.status import StreamMeter
 if TYPE_CHECKING:
     from exumi_recorders.recording.lanes import Lane
 
-__all__ = ["FROZEN", "RESTART", "DeviceThread", "RecordedDevice", "RecordedStream"]
+__all__ = ["RESTART", "DeviceThread", "RecordedDevice", "RecordedStream"]
 
-FROZEN = "frozen"
-"""Event: a pose stream has repeated itself for `FROZEN_AFTER_NS`."""
 RESTART = "restart"
 """Event of a driver: what comes after it is counted and stamped by the device anew."""
 FROZEN_AFTER_NS = 500_000_000
@@ -140,6 +140,8 @@ class DeviceThread:
         self._ready = threading.Event()
         self._failure: Exception | None = None
         self._health_at = 0
+        self._asking = threading.Lock()
+        # A driver counts from 0 when it is opened again; an episode does not.
         self._lost_before: Mapping[str, int] = {}
         self._restarted: set[str] = set()
         self._frozen: set[str] = set()
@@ -173,20 +175,18 @@ class DeviceThread:
 
     def health_now(self) -> Health:
         """Ask the driver how the device is; what it said last where it cannot say."""
-        if self.connected:
-            try:
-                self.health = self._ask_health()
-            except Exception as error:  # noqa: BLE001  # a driver's mistake must not end a recording
-                self.trouble = _text(error)
+        try:
+            self._ask()
+        except Exception as error:  # noqa: BLE001  # a driver's mistake must not end a recording
+            self.trouble = _text(error)
         return self.health
 
-    def _ask_health(self) -> Health:
-        """Return the driver's health, with what it had lost before it was opened anew."""
-        before, health = self._lost_before, self._driver.health()
-        if not before:
-            return health
-        lost = {cause: before.get(cause, 0) + health.lost.get(cause, 0) for cause in before}
-        return replace(health, lost={**health.lost, **lost})
+    def _ask(self) -> None:
+        with self._asking:
+            if self.connected:
+                said = self._driver.health()
+                lost = Counter(self._lost_before) + Counter(said.lost)
+                self.health = replace(said, lost=dict(lost))
 
     def _run(self) -> None:
         try:
@@ -207,7 +207,7 @@ class DeviceThread:
                     self._take(items, now_ns)
                 if now_ns - self._health_at > _HEALTH_NS:
                     self._health_at = now_ns
-                    self.health = self._ask_health()
+                    self._ask()
             except Exception as error:  # noqa: BLE001  # a lost device, or a driver's mistake: others go on
                 self._lost(error)
         self._close()
@@ -252,8 +252,11 @@ class DeviceThread:
 
     def _lost(self, error: Exception) -> None:
         """Say that the device is gone, and open it again each second until it is back."""
-        self._lost_before = self.health_now().lost
-        self.connected = False
+        with suppress(Exception):  # it may be why the device is lost
+            self._ask()
+        with self._asking:
+            self.connected = False
+            self._lost_before = self.health.lost
         self.trouble = _text(error)
         detail = {"error": self.trouble}
         self._on_event(self.name, Event(DEVICE_LOST, time.monotonic_ns(), detail))

@@ -14,7 +14,7 @@ from exumi_data.model.description import CalibrationItem
 from exumi_data.model.episode import EpisodeMetadata
 from exumi_recorders.contract import DeviceError, Event, Health, Sample
 from exumi_recorders.finalise.clocks import utc_text
-from exumi_recorders.finalise.events import DEVICE_LOST
+from exumi_recorders.finalise.events import DEVICE_LOST, FROZEN, STOPPED
 from exumi_recorders.finalise.rehearsal import rehearse
 from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.journal.flusher import OnFlushed
@@ -42,7 +42,9 @@ __all__ = ["LATENCY", "Recorded", "Recorder"]
 
 LATENCY = "latency/"
 """A calibration item of this name and a stream's is its latency: value and uncertainty in ns."""
-STICKY = ("world_frame", "controls")
+MALFORMED = "malformed"
+"""Cause of samples that cannot be stored: of another length, or stamped in the future."""
+STICKY = ("world_frame", "controls", "clock")
 """Events that hold until the next one: an episode that begins later gets the last one."""
 
 _OPEN_S = 30.0
@@ -295,7 +297,13 @@ class Recorder:
             for thread in self._threads
             if not thread.connected
         ]
-        return [*((device, event) for (device, _), event in self._sticky.items()), *gone]
+        frozen = [
+            (stream.device, Event(FROZEN, now_ns, {"stream": stream.name}))
+            for stream in self.streams.values()
+            if stream.frozen
+        ]
+        held = [(device, event) for (device, _), event in self._sticky.items()]
+        return [*held, *gone, *frozen]
 
     def _reserve_of(self, dataset: Path) -> Reserve:
         """Return what is kept back on the dataset's disk, from one episode to the next."""
@@ -335,6 +343,7 @@ class Recorder:
         stop_ns = time.monotonic_ns()
         for lane in episode.lanes.values():
             lane.end_at(stop_ns)
+        episode.writer.put_event("", Event(STOPPED, stop_ns))
         if episode.writer.truncated is None:
             time.sleep(_GRACE_S)  # what was stamped before may still be on its way
         self._detach(episode.lanes)
@@ -404,7 +413,7 @@ class Recorder:
             for name, causes in _lost(thread, health, episode.health[thread.name]).items():
                 lost.setdefault(name, {}).update(causes)
         for name, lane in episode.lanes.items():
-            for cause, number in (("queue", lane.dropped), ("malformed", lane.malformed)):
+            for cause, number in (("queue", lane.dropped), (MALFORMED, lane.malformed)):
                 if number:
                     lost.setdefault(name, {})[cause] = number
         return {"lost": lost, "stamp_sigma_ns": sigmas}
@@ -454,9 +463,6 @@ class Recorder:
             problems.append(Problem("", code, f"The recording was ended: {truncated}."))
         if share >= self._limits.warn_share:
             problems.append(Problem("", "disk_slow", "The disk cannot keep up."))
-        if episode is not None and episode.journal.flush_error is not None:
-            text = f"The disk reports: {episode.journal.flush_error.strerror}."
-            problems.append(Problem("", "disk_error", text))
         return problems
 
 
@@ -512,7 +518,7 @@ def _stream_status(
         age_s=None if newest is None else (now_ns - newest) / 1e9,
         samples=0 if lane is None else lane.written,
         dropped=0 if lane is None else lane.dropped,
-        lost=lost,
+        lost=lost if lane is None or not lane.malformed else {**lost, MALFORMED: lane.malformed},
         queue_bytes=0 if lane is None else lane.waiting_bytes,
         queue_age_s=0.0 if lane is None else lane.age_ns(now_ns) / 1e9,
     )
@@ -537,6 +543,9 @@ def _stream_problems(
     if status.dropped:
         text = f"{status.dropped} samples were dropped: the disk cannot keep up."
         problems.append(Problem(stream.name, "dropping", text))
+    if malformed := status.lost.get(MALFORMED):
+        text = f"{malformed} samples were not what the driver promised, and are left out."
+        problems.append(Problem(stream.name, MALFORMED, text))
     if stream.frozen:
         problems.append(
             Problem(stream.name, "frozen", "The pose does not change: tracking may be lost.")

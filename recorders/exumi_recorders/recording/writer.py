@@ -91,6 +91,8 @@ class WriterThread:
                 self.wake.clear()
                 self._write()
                 self._look_after(time.monotonic_ns())
+                if (error := self._journal.flush_error) is not None:
+                    raise error  # what was written may be lost: no better than if it could not be
                 if self.truncated is not None:
                     break
             self._end()

@@ -14,6 +14,7 @@ from exumi_data.model.base import STREAM_NAME
 from exumi_data.model.description import Embodiment
 from exumi_recorders.contract import DriverType
 from exumi_recorders.drivers.registry import find_driver
+from exumi_recorders.journal.header import RESERVED
 from exumi_recorders.rig.model import FORMAT, VERSION, About, Controls, Device, Hooks, Limits, Rig
 
 __all__ = ["load_rig", "parse_rig"]
@@ -238,6 +239,9 @@ def _check_names(devices: Sequence[Device], mistakes: list[tuple[Place, str]]) -
                         f"the stream {name!r} is that of device {taken[name]!r} already",
                     )
                 )
+            if name in RESERVED:
+                place = ("devices", device.name, "streams", port)
+                mistakes.append((place, f"no stream can be called {name!r}: choose another name"))
             taken.setdefault(name, device.name)
 
 

@@ -1,6 +1,7 @@
 """Journals become episodes that the validator finds valid, with all that was known in them."""
 
 import json
+import shutil
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import simplejpeg
 
 import exumi_data
 from exumi_data.catalog import episode_path
@@ -42,6 +44,7 @@ from tests.exumi_recorders.numbered import (
     episode,
     picture,
     port,
+    pose,
 )
 
 QUEST = Port(
@@ -125,6 +128,28 @@ def test_everything_that_came_is_in_the_episode(dataset: Path) -> None:
         assert found.metadata.start is not None
 
 
+def test_no_image_is_decoded_but_those_of_a_reference(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decoded: list[bytes] = []
+    real = simplejpeg.decode_jpeg
+
+    def decode(data: bytes, *given: Any, **named: Any) -> Any:
+        decoded.append(bytes(data))
+        return real(data, *given, **named)
+
+    monkeypatch.setattr(simplejpeg, "decode_jpeg", decode)
+    touch = port(CAMERA, kind="tactile")
+    given = samples("camera", 40)
+    finalise(make_journal(dataset, {"camera": (CAMERA, given), "touch": (touch, given)}))
+    assert decoded == []
+    times = {"stream": "touch", "from_ns": T0, "until_ns": T0 + S}
+    event = Event("reference", T0 + S, times)
+    streams = {"camera": (CAMERA, given), "touch": (touch, given)}
+    finalise(make_journal(dataset, streams, events=[event], metadata=episode(2)))
+    assert decoded == list(map(picture, range(9)))
+
+
 def test_a_second_run_changes_nothing(dataset: Path) -> None:
     streams = {"pose": (POSE, samples("pose", 10, 90.0))}
     journal = make_journal(dataset, streams)
@@ -157,6 +182,41 @@ def test_what_was_dropped_and_lost_is_told(dataset: Path) -> None:
         flags = found["camera"].flags
         assert flags is not None
         assert np.flatnonzero(flags).tolist() == [5, 10]
+
+
+def test_a_device_that_was_silent_leaves_a_gap_though_its_numbers_go_on(dataset: Path) -> None:
+    given = samples("pose", 200, 90.0)
+    for number in range(100, 200):
+        sample = given[number]
+        assert sample is not None
+        given[number] = replace(sample, time_host_ns=sample.time_host_ns + 2 * S)
+    finalise(make_journal(dataset, {"pose": (POSE, given)}))
+    with open_final(dataset) as found:
+        gaps = found["pose"].metadata.gaps or []
+        assert [(gap.after, gap.lost, gap.reason) for gap in gaps] == [(99, None, "no sample came")]
+        assert found["pose"].flags is not None
+        assert np.flatnonzero(found["pose"].flags & 4).tolist() == [100]
+        assert found["pose"].metadata.lost is None
+
+
+def test_what_waited_in_the_air_leaves_no_gap_where_the_device_tells_its_time(
+    dataset: Path,
+) -> None:
+    stamped = replace(POSE, time_device_unit="us")
+    given: list[Sample | None] = []
+    order = [*range(50), 52, 50, 51, *range(53, 100), *range(200, 250)]
+    for came, number in enumerate(order):
+        # From 60 to 70 nothing comes; then all of it at once.
+        at = max(number, 70 + came / 1000) if 60 <= number <= 70 else number
+        sent_us = round(number * 1e6 / 90)
+        host_ns = T0 + S + round(at * S / 90)
+        sequence = number if number < 100 else number - 100  # it was silent, and nothing is lost
+        sample = Sample("pose", host_ns, pose(came), time_device_ns=sent_us, sequence=sequence)
+        given.append(sample)
+    finalise(make_journal(dataset, {"pose": (stamped, given)}))
+    with open_final(dataset) as found:
+        gaps = found["pose"].metadata.gaps or []
+        assert [(gap.after, gap.lost) for gap in gaps] == [(99, None)]
 
 
 def test_poses_are_in_the_world_that_was_marked(dataset: Path) -> None:
@@ -306,6 +366,14 @@ def test_files_that_are_no_images_are_left_out(dataset: Path) -> None:
         assert gaps == [(-1, 1), (2, 2), (5, 1), (6, 1)]
         assert stream.metadata.lost == {"unreadable": 5}
         assert "5 payloads of camera were no JPEG of 64x48" in notes(found)["files-left-out"]
+
+
+def test_poses_that_jumped_are_told_of(dataset: Path) -> None:
+    events = [Event("pose_jump", T0 + S, {"port": "pose", "distance_m": m}) for m in (0.4, 1.25)]
+    events.append(Event("pose_jump", T0 + S, {"port": "headset", "distance_m": 3.0}))
+    finalise(make_journal(dataset, {"tool": (POSE, samples("pose", 9, 90.0))}, events=events))
+    with open_final(dataset) as found:
+        assert notes(found) == {"pose-jumped": "the pose jumped 2 times, by up to 1.25 m"}
 
 
 def test_a_stream_without_a_sample_is_left_out(dataset: Path) -> None:
@@ -562,6 +630,7 @@ def test_a_header_of_another_journal_is_refused(dataset: Path) -> None:
     other = json.loads((journal / "header.json").read_text())
     other["episode"]["id"] = episode(2).id
     (journal / "header.json").write_text(json.dumps(other))
+    shutil.rmtree(journal / "header")
     with pytest.raises(DamagedDataError, match="the header is that of"):
         finalise(journal)
     assert journal.exists()

@@ -304,6 +304,8 @@ def test_what_is_flushed_is_told(tmp_path: Path) -> None:
     told = [(path.name, length) for path, length in log.close()]
     assert told == [(segment_name(1), size), (segment_name(2), size)]
     assert log.close() == []
+    with pytest.raises(OSError, match="the log is closed"):
+        log.append(pieces([3], [b""]))
 
 
 def test_none_is_no_time() -> None:

@@ -124,6 +124,9 @@ def test_a_device_that_cannot_be_opened_closes_all(dataset: Path) -> None:
     assert good.closed
     with pytest.raises(UsageError, match="one name"):
         Recorder([device(Toy(), "a"), device(Toy(), "b")])
+    taken = Recorder([replace(device(Toy()), streams={"pose": "events"})])
+    with pytest.raises(UsageError, match="no stream can be called 'events'"):
+        taken.open()
     wrong = Recorder([replace(device(Toy()), streams={"gyro": "gyro"})])
     with pytest.raises(DeviceError, match="no port 'gyro'"):
         wrong.open()
@@ -181,6 +184,26 @@ def test_a_device_that_is_lost_comes_back_and_others_go_on(dataset: Path) -> Non
         assert "device-lost" in {note.code for note in found.metadata.quality}
 
 
+def test_what_a_device_lost_before_it_was_unplugged_still_counts(dataset: Path) -> None:
+    class Counting(Toy):
+        """It has lost a sample each time that it was opened, and two more as it goes."""
+
+        def health(self) -> Health:
+            more = 2 if sum(self._next.values()) > 20 else 0
+            return Health(lost={"late": 1 + more})
+
+    toy = Counting(rates={"pose": 90.0}, lose_at_s=0.5, back_after=2)
+    with Recorder([device(toy)], space=ROOM) as recorder:
+        recorder.start(dataset, episode())
+        until(lambda: "device_lost" in codes(recorder))
+        assert recorder.status().streams[0].lost == {"late": 2}
+        until(lambda: "device_lost" not in codes(recorder))
+        until(lambda: recorder.status().streams[0].lost == {"late": 5})
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        assert found["pose"].metadata.lost == {"late": 5}
+
+
 def test_a_frozen_headset_is_told_within_a_second(dataset: Path) -> None:
     toy = Toy(rates={"pose": 90.0}, freeze_at_s=0.2)
     with Recorder([device(toy)], space=ROOM) as recorder:
@@ -193,14 +216,57 @@ def test_a_frozen_headset_is_told_within_a_second(dataset: Path) -> None:
         settings = found.metadata.source.settings
         assert settings is not None
         assert [event["name"] for event in settings["events"]] == ["frozen"]
+        assert [(n.code, n.stream) for n in found.metadata.quality] == [("pose-frozen", "pose")]
+
+
+def test_an_episode_that_begins_with_a_frozen_pose_says_so(dataset: Path) -> None:
+    toy = Toy(rates={"pose": 90.0}, freeze_at_s=0.01)
+    with Recorder([device(toy)], space=ROOM) as recorder:
+        until(lambda: "frozen" in codes(recorder))
+        recorder.start(dataset, episode())
+        until(lambda: recorder.status().streams[0].samples > 3)
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        assert [(n.code, n.stream) for n in found.metadata.quality] == [("pose-frozen", "pose")]
+
+
+class Silent(Toy):
+    """It says nothing while `quiet`."""
+
+    quiet = True
+
+    def read(self, timeout_s: float) -> list[Sample | Event]:
+        if not self.quiet:
+            return super().read(timeout_s)
+        time.sleep(timeout_s)
+        self._start = time.monotonic_ns()
+        return []
+
+
+def test_a_device_that_is_silent_at_the_start_or_at_the_end_is_told_of(dataset: Path) -> None:
+    toys = {name: Silent(rates={"pose": 90.0}) for name in ("early", "late", "good")}
+    devices = [replace(device(toy, name), streams={"pose": name}) for name, toy in toys.items()]
+    toys["early"].quiet = toys["good"].quiet = False
+    with Recorder(devices, space=ROOM) as recorder:
+        recorder.start(dataset, episode())
+        until(lambda: recorder.status().streams[0].samples > 3)
+        toys["early"].quiet = True
+        time.sleep(1.1)
+        toys["late"].quiet = False
+        time.sleep(0.2)
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        gaps = {name: found[name].metadata.gaps for name in found.streams}
+        assert [gap.after for gap in gaps["late"] or []] == [-1]
+        assert [gap.after for gap in gaps["early"] or []] == [len(found["early"]) - 1]
+        assert gaps["good"] is None
+        notes = {note.stream: note.message for note in found.metadata.quality}
+        assert "in the first 1." in notes["late"]
+        assert "in the last 1." in notes["early"]
+        assert len(notes) == 2
 
 
 def test_a_silent_device_is_told_within_a_second() -> None:
-    class Silent(Toy):
-        def read(self, timeout_s: float) -> list[Sample | Event]:
-            time.sleep(timeout_s)
-            return []
-
     with Recorder([device(Silent())]) as recorder:
         assert until(lambda: "no_samples" in codes(recorder)) < 1.0
 
@@ -318,10 +384,29 @@ def test_what_happens_while_an_episode_begins_is_in_it(
         assert [event["name"] for event in settings["events"]] == ["early"]
 
 
+def test_samples_that_cannot_be_stored_are_told_and_counted(dataset: Path) -> None:
+    class Wrong(Toy):
+        def _sample(self, name: str, own: int, rate: float) -> Sample:
+            sample = super()._sample(name, own, rate)
+            return replace(sample, payload=b"short") if own % 3 == 2 else sample
+
+    with Recorder([device(Wrong(rates={"pose": 90.0}))], space=ROOM) as recorder:
+        recorder.start(dataset, episode())
+        assert until(lambda: "malformed" in codes(recorder)) < 1.0
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        assert (found["pose"].metadata.lost or {})["malformed"] > 0
+
+
 def test_what_holds_until_the_next_event_reaches_later_episodes(dataset: Path) -> None:
     pose = [0.0, 1, 0, 0, 0, 0, 1]
     toy = Toy(
-        events=[Event("controls", 1, {"exposure": 5}), Event("world_frame", 2, {"pose": pose})]
+        events=[
+            Event("controls", 1, {"exposure": 5}),
+            Event("world_frame", 2, {"pose": pose}),
+            Event("clock", 3, {"clock_offset_ns": 7}),
+            Event("key", 4, {"name": "a"}),
+        ]
     )
     with Recorder([device(toy)], space=ROOM) as recorder:
         until(lambda: recorder.status().streams[0].rate_hz is not None)
@@ -336,8 +421,10 @@ def test_what_holds_until_the_next_event_reaches_later_episodes(dataset: Path) -
         assert kept == {
             "controls": {"exposure": 5},
             "world_frame": {"pose": pose},
+            "clock": {"clock_offset_ns": 7},
             "operator": {"text": "go"},
         }
+        assert settings["boot_id"] == Path("/proc/sys/kernel/random/boot_id").read_text().strip()
 
 
 # ------------------------------------------------------------------------------------------ disk
@@ -452,6 +539,43 @@ def test_what_was_written_before_the_disk_was_full_is_not_lost(
         assert gaps is not None
         (gap,) = gaps
         assert gap.lost == counter.metadata.lost["queue"]
+
+
+@pytest.mark.parametrize(
+    ("code", "truncated"), [(errno.ENOSPC, "disk_full"), (errno.EIO, "disk_error (of the disk)")]
+)
+def test_a_disk_that_takes_everything_and_keeps_nothing_ends_the_episode(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch, code: int, truncated: str
+) -> None:
+    def fdatasync(_: int) -> None:
+        raise OSError(code, "of the disk")
+
+    with Recorder([device(Toy())], space=ROOM) as recorder:
+        journal = recorder.start(dataset, episode())
+        until(lambda: recorder.status().streams[0].samples > 10)
+        monkeypatch.setattr(os, "fdatasync", fdatasync)
+        assert until(lambda: recorder.status().truncated == truncated) < 1.0
+        recorded = recorder.stop()
+    assert not (dataset / ".recording" / ".reserve").exists()
+    state = read_state(journal)
+    assert (state.state, state.truncated) == ("stopped", truncated)
+    with finished(dataset, recorded) as found:
+        assert {note.code for note in found.metadata.quality} == {"truncated"}
+        assert len(found["pose"]) == recorded.samples["pose"]
+
+
+def test_a_disk_that_fails_at_the_very_end_is_told(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fdatasync(_: int) -> None:
+        raise OSError(errno.EIO, "of the disk")
+
+    with Recorder([device(Toy())], space=ROOM) as recorder:
+        journal = recorder.start(dataset, episode())
+        monkeypatch.setattr(os, "fdatasync", fdatasync)
+        recorded = recorder.stop()
+        assert "disk_error" in codes(recorder)
+    assert recorded.truncated == read_state(journal).truncated == "disk_error (of the disk)"
 
 
 def test_the_hard_limit_ends_an_episode_before_the_disk_is_full(dataset: Path) -> None:

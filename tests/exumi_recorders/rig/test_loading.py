@@ -150,6 +150,12 @@ def test_two_streams_of_one_name(tmp_path: Path) -> None:
     assert "the stream 'glove_left' is that of device 'glove' already" in problem
 
 
+@pytest.mark.parametrize("name", ["events", "clock", "header", "calibration"])
+def test_a_stream_that_is_called_like_a_part_of_the_journal(tmp_path: Path, name: str) -> None:
+    (problem,) = problems(tmp_path, TOML.replace("glove_right", name))
+    assert f"devices.glove.streams.right: no stream can be called '{name}'" in problem
+
+
 @pytest.mark.parametrize(
     ("old", "new", "word"),
     [
