@@ -1,5 +1,6 @@
 """A journal becomes an episode: written aside, read back, renamed, and only then dropped."""
 
+import os
 import re
 import shutil
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ from exumi_data.model.description import CalibrationItem
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.files import sync_folder
 from exumi_data.store.plain_files import read_plain
+from exumi_recorders.finalise.agreement import check_agreement, has_samples
 from exumi_recorders.finalise.clocks import epoch_of
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.events import EventSummary, read_events
@@ -138,13 +140,11 @@ def _finalise(journal: Path, target: Path) -> Finalised:
     if present is not None:
         _drop(journal, state)
         return Finalised(journal, "present", present)
-    if not (journal / HEADER_NAME).exists():
-        # The header is written last: nobody was told that it is being recorded.
-        if any(entry.stat().st_size for entry in journal.glob("*/*.log")):
-            raise DamagedDataError("has samples, but no header.json", where=journal)
+    if _is_empty(journal):
         _drop(journal, state)
         return Finalised(journal, "empty")
     header = read_header(journal)
+    check_agreement(journal, header)
     damages: list[Damage] = []
     counts = _write(journal, header, state, target, damages)
     _drop(journal, state)
@@ -157,6 +157,19 @@ def _finalise(journal: Path, target: Path) -> Finalised:
         state.truncated,
         state.state == "recording",
     )
+
+
+def _is_empty(journal: Path) -> bool:
+    """Whether nobody was told that this is being recorded: the header is written last."""
+    if os.path.lexists(journal / HEADER_NAME):
+        return False
+    if has_samples(journal):
+        raise DamagedDataError(
+            "has samples, but no header.json, which says what they are",
+            where=journal,
+            fix="Restore it from a copy; the journal stays as it is.",
+        )
+    return True
 
 
 def read_header(journal: Path) -> JournalHeader:
@@ -199,7 +212,10 @@ def inspect(journal: Path) -> Finalised:
             present = _present(target)
             if present is not None:
                 return Finalised(journal, "present", present)
+            if _is_empty(journal):
+                return Finalised(journal, "empty")
             header = read_header(journal)
+            check_agreement(journal, header)
             counts, damages = {}, []
             for name in header.streams:
                 log = _log(journal, header, name)

@@ -138,6 +138,10 @@ def recover(
         except OSError as error:
             failed.append((journal, f"{error.filename or journal}: {error.strerror or error}"))
             outcome = "failed"
+        except Exception as error:  # noqa: BLE001  # one journal must not keep the others
+            what = f"cannot be made an episode of ({type(error).__name__}: {error})"
+            failed.append((journal, what))
+            outcome = "failed"
         if on_done is not None:
             on_done(len(done) + len(failed), len(journals), outcome)
     if not dry_run:
