@@ -22,6 +22,7 @@ __all__ = [
     "CLOCK_LOG",
     "EVENTS_LOG",
     "JOURNAL_FORMAT",
+    "RESERVED_NAMES",
     "JournalHeader",
     "KnownLatency",
     "PortDocument",
@@ -34,7 +35,8 @@ __all__ = [
 JOURNAL_FORMAT = "exumi-journal"
 EVENTS_LOG = "events"
 CLOCK_LOG = "clock"
-_RESERVED = frozenset((EVENTS_LOG, CLOCK_LOG, "calibration"))
+RESERVED_NAMES = frozenset((EVENTS_LOG, CLOCK_LOG, "calibration"))
+"""Names of a journal's other folders: no stream can have them."""
 
 
 class ArrayLayout(Model):
@@ -145,7 +147,7 @@ class JournalHeader(Model):
 
     @model_validator(mode="after")
     def _consistent(self) -> "JournalHeader":
-        if taken := _RESERVED & set(self.streams):
+        if taken := RESERVED_NAMES & set(self.streams):
             msg = f"no stream can be called {min(taken)!r}: a log or folder of the journal is"
             raise ValueError(msg)
         if self.episode.streams:

@@ -16,7 +16,7 @@ from exumi_recorders.recording.recorder import LATENCY, Recorder
 from exumi_recorders.rig.calibrations import read_calibrations
 from exumi_recorders.rig.devices import recorded_devices
 from exumi_recorders.rig.loading import load_rig
-from exumi_recorders.rig.model import Rig
+from exumi_recorders.rig.model import Rig, expanded
 from exumi_recorders.rig.simulated import NAME, SimulatedSettings, simulated_rig
 from exumi_recorders.session.labels import TrialCounter
 from exumi_recorders.session.messages import Message
@@ -45,7 +45,7 @@ def open_rig(
     simulated : SimulatedSettings, optional
     """
     if name != NAME:
-        rig = load_rig(Path(name).expanduser())
+        rig = load_rig(expanded(name))
         yield rig, read_calibrations(rig)
         return
     with simulated_rig(simulated) as started:
