@@ -18,7 +18,8 @@ from exumi_data.model.base import STREAM_NAME
 from exumi_data.model.description import CalibrationItem
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.files import sync_folder
-from exumi_data.store.plain_files import read_plain
+from exumi_data.store.plain_files import is_plain_file, read_plain
+from exumi_data.store.zarr_document import DTYPES
 from exumi_recorders.finalise.agreement import check_agreement, has_samples
 from exumi_recorders.finalise.clocks import epoch_of
 from exumi_recorders.finalise.context import Context
@@ -301,9 +302,12 @@ def _arrays(journal: Path, items: Mapping[str, CalibrationItem]) -> dict[str, np
             continue
         path = journal.joinpath("calibration", *parts[:-1], f"{parts[-1]}.npy")
         try:
-            if path.is_symlink() or path.stat().st_size > _MOST_ARRAY_BYTES:
+            # Not a link, which could lead anywhere, nor a pipe, which would be waited for.
+            if not is_plain_file(path) or path.stat().st_size > _MOST_ARRAY_BYTES:
                 continue
-            found[name] = np.load(path, mmap_mode="r", allow_pickle=False)
+            array = np.load(path, mmap_mode="r", allow_pickle=False)
+            if array.dtype.name in DTYPES:
+                found[name] = array
         except (OSError, ValueError, EOFError):
             continue
     return found

@@ -1,6 +1,9 @@
 """Recovering: every journal that a crash left behind becomes an episode."""
 
-from collections.abc import Callable, Sequence
+import fcntl
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -163,15 +166,37 @@ def add_to_catalog(dataset: Path) -> list[str]:
     dataset : pathlib.Path
     """
     try:
-        table = read_catalog(dataset)
-        if table is None and (dataset / CATALOG_NAME).exists():
-            return [f"{dataset}: the catalog cannot be read. Write it with: exumi index {dataset}"]
-        present = list_episodes(dataset)
-        known = [] if table is None else table.to_pylist()
-        paths = {row["path"] for row in known}
-        added, problems = build_catalog(dataset, paths=[p for p in present if p not in paths])
-        rows = [row for row in known if row["path"] in set(present)]
-        write_catalog(dataset, rows_to_table([*rows, *added.to_pylist()]))
-    except (ExumiError, OSError) as error:
+        with _alone(dataset):
+            return _add_to_catalog(dataset)
+    except (ExumiError, OSError, ValueError) as error:
         return [f"{dataset}: the catalog was not written: {error}"]
+
+
+def _add_to_catalog(dataset: Path) -> list[str]:
+    table = read_catalog(dataset)
+    if table is None and (dataset / CATALOG_NAME).exists():
+        return [f"{dataset}: the catalog cannot be read. Write it with: exumi index {dataset}"]
+    present = list_episodes(dataset)
+    known = [] if table is None else table.to_pylist()
+    paths = {row["path"] for row in known}
+    added, problems = build_catalog(dataset, paths=[p for p in present if p not in paths])
+    rows = [row for row in known if row["path"] in set(present)]
+    write_catalog(dataset, rows_to_table([*rows, *added.to_pylist()]))
     return [f"not in the catalog, because it cannot be read: {one.error}" for one in problems]
+
+
+@contextmanager
+def _alone(dataset: Path) -> Iterator[None]:
+    """Wait until no other recorder of the dataset adds to its catalog: one would lose the other's.
+
+    Parameters
+    ----------
+    dataset : pathlib.Path
+    """
+    descriptor = os.open(dataset / RECORDING_FOLDER, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

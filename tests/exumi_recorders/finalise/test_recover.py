@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -245,6 +246,25 @@ def test_the_catalog_grows(dataset: Path) -> None:
     make_journal(dataset, {"pose": (POSE, samples("pose", 5))}, metadata=episode(3))
     assert "exumi index" in recover([dataset]).notices[0]
     assert (dataset / "catalog.parquet").read_text() == "no catalog"
+
+
+def test_finalising_at_the_same_time_loses_nothing_of_the_catalog(dataset: Path) -> None:
+    journals = [
+        make_journal(dataset, {"pose": (POSE, samples("pose", 5))}, metadata=episode(number))
+        for number in range(1, 9)
+    ]
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda journal: recover([journal]), journals))
+    table = read_catalog(dataset)
+    assert table is not None
+    assert table.num_rows == len(journals)
+
+
+def test_a_folder_whose_name_is_no_text(tmp_path: Path) -> None:
+    dataset = make_dataset(tmp_path / "\udcff")
+    make_journal(dataset, {"pose": (POSE, samples("pose", 5))})
+    result = recover([dataset])
+    assert ([one.outcome for one in result.done], result.notices) == (["finalised"], ())
 
 
 def test_paths_that_hold_no_journal_are_refused(tmp_path: Path, dataset: Path) -> None:
