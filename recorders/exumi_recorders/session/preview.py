@@ -6,13 +6,14 @@ is too slow misses frames, and nothing waits for it.
 
 import html
 import ipaddress
+import re
 import threading
 import time
 from collections.abc import Callable, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from socket import AF_INET, AF_INET6
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 from urllib.parse import unquote
 
 from exumi_data.errors import UsageError
@@ -26,6 +27,8 @@ DEFAULT_ADDRESS = ("127.0.0.1", 8642)
 
 _LEAST_PERIOD_S = 0.2
 _MOST_VIEWERS = 8
+_MOST_CONNECTIONS = 32
+_PORT = re.compile(r"[0-9]{1,9}")
 _QUIET_S = 10.0
 _BOUNDARY = "exumi-frame"
 
@@ -46,13 +49,13 @@ def parse_address(text: str | None) -> tuple[str, int]:
     if not text:
         return DEFAULT_ADDRESS
     host, colon, port = text.rpartition(":")
-    if not colon and not text.isdecimal():
+    if not colon and not _PORT.fullmatch(text):
         host, port = text, ""
-    host = host.removeprefix("[").removesuffix("]")
-    number = int(port) if port.isdecimal() else (DEFAULT_ADDRESS[1] if not port else -1)
-    if not 0 <= number <= 65535:
+    bare = host.removeprefix("[").removesuffix("]")
+    number = int(port) if _PORT.fullmatch(port) else (DEFAULT_ADDRESS[1] if not port else -1)
+    if not 0 <= number <= 65535 or (":" in bare and host != f"[{bare}]"):
         raise UsageError(f"{text!r} is no address", fix="Write HOST:PORT, such as 0.0.0.0:8642.")
-    return host or DEFAULT_ADDRESS[0], number
+    return bare or DEFAULT_ADDRESS[0], number
 
 
 class Preview:
@@ -83,9 +86,10 @@ class Preview:
     ) -> None:
         try:
             self._server = _Server(address, tuple(streams), latest)
-        except OSError as error:
+        except (OSError, UnicodeError, TypeError) as error:  # of a host that is no name
+            why = error.strerror if isinstance(error, OSError) else "no name of a machine"
             raise UsageError(
-                f"the preview cannot use {address[0]}:{address[1]} ({error.strerror})",
+                f"the preview cannot use {address[0]}:{address[1]} ({why})",
                 fix="Name another one with --preview HOST:PORT.",
             ) from None
         host = f"[{address[0]}]" if ":" in address[0] else address[0]
@@ -122,14 +126,30 @@ class Preview:
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
+    request_queue_size = _MOST_CONNECTIONS
 
     def __init__(self, address: tuple[str, int], streams: tuple[str, ...], latest: Latest) -> None:
         self.address_family = AF_INET6 if ":" in address[0] else AF_INET
         self.streams = streams
         self.latest = latest
         self.viewers = threading.Semaphore(_MOST_VIEWERS)
+        self.connections = threading.Semaphore(_MOST_CONNECTIONS)
         self.ending = threading.Event()
         super().__init__(address, _Handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread of its own; one too many is sent away at once."""
+        if self.connections.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, and make room for the next one."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self.connections.release()
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Say nothing: a viewer that went away is no problem of the recording."""

@@ -76,6 +76,9 @@ def test_latencies_that_are_missing_or_no_number() -> None:
     assert gates_of("pose", port("pose"), latency__pose=wrong)["latency"].verdict == "fail"
     seconds = item(0.0125, unit="s", age=timedelta(0))
     assert gates_of("pose", port("pose"), latency__pose=seconds)["latency"].verdict == "fail"
+    for value in (60_000_000_001, -1e300, 10**400):
+        wrong = item(value, unit="ns", age=timedelta(0))
+        assert gates_of("pose", port("pose"), latency__pose=wrong)["latency"].verdict == "fail"
     assert "latency" not in gates_of("headset", port("pose", name="headset"))
     assert "latency" not in gates_of("sound", port("audio"))
 
