@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from exumi_data.model.calibration import INTRINSICS, Intrinsics
 from exumi_data.model.description import CalibrationItem
+from exumi_recorders.calibration.items import moment_of
 from exumi_recorders.contract import Files, Port, Rows
 from exumi_recorders.finalise.rows import row_dtype
 from exumi_recorders.finalise.widths import WIDTH_MAP, WidthMap, read_width_map
@@ -110,11 +111,12 @@ def _latency(stream: str, port: Port, items: Mapping[str, CalibrationItem], now:
         return Gate("latency", stream, "fail", found, "a number in ns, of a minute at most", fix)
     sigma = "" if item.uncertainty is None else f" ± {item.uncertainty / 1e6:.1f}"
     found = f"{latency_ns / 1e6:.1f}{sigma} ms"
-    if item.time is None:
+    moment = moment_of(item)
+    if moment is None:
         return Gate(
             "latency", stream, "warn", f"{found}, of an unknown day", _EXPECTED_LATENCY, fix
         )
-    age = now - datetime.fromisoformat(item.time)
+    age = now - moment
     found += f", {_age(age)} old"
     verdict: Verdict = "warn" if age > _OLD else "pass"
     return Gate(

@@ -11,6 +11,7 @@ from exumi_data._version import __version__
 from exumi_data.dataset import DATASET_DOCUMENT, create_dataset, open_dataset
 from exumi_data.errors import UsageError
 from exumi_data.model import Annotations, DatasetMetadata, MadeBy
+from exumi_recorders.calibration.items import moment_of
 from exumi_recorders.journal.space import SpaceLimits
 from exumi_recorders.recording.lanes import Limits
 from exumi_recorders.recording.recorder import LATENCY, Recorder
@@ -237,8 +238,8 @@ def sync_age_s(calibrated: Calibrated) -> float | None:
     calibrated : Calibrated
     """
     times = [
-        datetime.fromisoformat(item.time)
+        moment
         for name, item in calibrated.items.items()
-        if name.startswith(LATENCY) and item.time is not None
+        if name.startswith(LATENCY) and (moment := moment_of(item)) is not None
     ]
     return (datetime.now(UTC) - max(times)).total_seconds() if times else None

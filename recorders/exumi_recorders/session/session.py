@@ -289,7 +289,7 @@ class Session:
             self._begun.append(
                 self._recorder.start(self._dataset, document, arrays=self._calibrated.arrays)
             )
-        except (ExumiError, OSError) as error:
+        except (ExumiError, OSError, ValueError) as error:  # what the calibration says, at worst
             text = f"not recording: {error}"
             self._tell(Message("error", "not_started", text))
             self._hook("problem")

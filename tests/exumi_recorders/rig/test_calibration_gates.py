@@ -69,6 +69,16 @@ def test_latencies_grow_old(age: timedelta | None, verdict: str, found: str) -> 
     assert bool(gate.what_to_do) == (verdict == "warn")
 
 
+@pytest.mark.parametrize("time", ["2026-02-30T12:00:00Z", "0000-01-01T00:00:00Z"])
+def test_days_that_cannot_be(time: str) -> None:
+    known = item(1, unit="ns").model_copy(update={"time": time})
+    gate = gates_of("pose", port("pose"), latency__pose=known)["latency"]
+    assert (gate.verdict, gate.found.split(", ")[1]) == ("warn", "of an unknown day")
+    leap = item(1, unit="ns").model_copy(update={"time": "2016-12-31T23:59:60.123456789Z"})
+    gate = gates_of("pose", port("pose"), latency__pose=leap)["latency"]
+    assert "days old" in gate.found
+
+
 def test_latencies_that_are_missing_or_no_number() -> None:
     assert gates_of("tactile", camera_port())["latency"].verdict == "warn"
     assert gates_of("width", encoder_port())["latency"].verdict == "pass"
