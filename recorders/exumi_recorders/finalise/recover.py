@@ -129,6 +129,9 @@ def recover(
         A path is none of these. Nothing was done.
     """
     journals = list(dict.fromkeys(journal for path in paths for journal in find_journals(path)))
+    if not dry_run:
+        for path in paths:
+            drop_stale_reserve(_dataset_at(path))  # first: on a full disk it is the room there is
     done: list[Finalised] = []
     failed: list[tuple[Path, str]] = []
     for journal in journals:
@@ -147,9 +150,6 @@ def recover(
             outcome = "failed"
         if on_done is not None:
             on_done(len(done) + len(failed), len(journals), outcome)
-    if not dry_run:
-        for path in paths:
-            drop_stale_reserve(_dataset_at(path))
     notices = []
     for dataset in dict.fromkeys(
         dataset_of(one.journal) for one in done if one.outcome == "finalised"

@@ -327,7 +327,7 @@ class Session:
         recorded = self._recorder.stop()
         self._state = "waiting"
         # Episodes that begin by themselves do not wait for the operator's second thoughts.
-        undo_s = self._plan.pause_s if self._plan.auto else _UNDO_S
+        undo_s = min(self._plan.pause_s, _UNDO_S) if self._plan.auto else _UNDO_S
         self._stopped = _Stopped(recorded, self._said, time.monotonic() + undo_s)
         if self._plan.auto:
             self._next_auto = time.monotonic() + self._plan.pause_s

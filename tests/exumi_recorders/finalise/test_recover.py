@@ -193,8 +193,11 @@ def test_one_bad_journal_does_not_keep_the_others(dataset: Path) -> None:
 def test_a_full_disk_keeps_the_journal(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     journal = make_journal(dataset, {"pose": (POSE, samples("pose", 5, 90.0))})
     before = contents(journal)
+    reserve = dataset / ".recording" / ".reserve"
+    reserve.write_bytes(b"left by a crash")
 
     def full(*_: object, **__: object) -> None:
+        assert not reserve.exists()  # its room was given back before it was needed
         raise OSError(28, "No space left on device", str(dataset))
 
     with monkeypatch.context() as patch:
