@@ -71,11 +71,12 @@ def _checked(
     from exumi_data.errors import UsageError
     from exumi_recorders.rig.checking import check_rig
     from exumi_recorders.rig.loading import load_rig
+    from exumi_recorders.rig.model import expanded
     from exumi_recorders.rig.simulated import NAME, SimulatedSettings, simulated_rig
 
     console = error_console()
     if name != NAME:
-        rig = load_rig(given_path(name).expanduser())
+        rig = load_rig(expanded(str(given_path(name))))
         console.print(f"watching for {seconds:g} s ...", style="dim")
         return check_rig(rig, out=out, seconds=seconds, ask=ask)
     if ask is not None:

@@ -138,6 +138,10 @@ def _document(place: Path) -> _Document:
     except OSError as error:
         raise UsageError(f"cannot be read ({error.strerror})", where=place) from None
     value = load_json(raw, place)
+    try:
+        json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        raise MetadataError("holds half of a letter", where=place, fix=_FIX) from None
     newer = check_version(value, FORMAT, place)
     try:
         return _Document.model_validate(value, context={"newer_minor": newer})

@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from exumi_recorders.calibration.tactile import captured_reference
 from exumi_recorders.contract import Driver, Files, Port, Rows, Sample
 from exumi_recorders.finalise.rows import row_dtype
 from exumi_recorders.rig.loading import load_rig
-from exumi_recorders.rig.model import Rig
+from exumi_recorders.rig.model import Rig, expanded
 from exumi_recorders.rig.simulated import NAME, SimulatedSettings, simulated_rig
 
 __all__ = [
@@ -115,7 +114,7 @@ def live_rig(name: str) -> Iterator[Rig]:
         Path of the rig file, or ``simulated``.
     """
     if name != NAME:
-        yield load_rig(Path(name).expanduser())
+        yield load_rig(expanded(name))
         return
     with simulated_rig(SimulatedSettings(seconds=_SIMULATED_S)) as started:
         # When the session is over, the hand rests and touches nothing.

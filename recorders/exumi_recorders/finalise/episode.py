@@ -1,5 +1,6 @@
 """A journal becomes an episode: written aside, read back, renamed, and only then dropped."""
 
+import os
 import re
 import shutil
 from collections.abc import Mapping
@@ -17,6 +18,9 @@ from exumi_data.model.base import STREAM_NAME
 from exumi_data.model.description import CalibrationItem
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.files import sync_folder
+from exumi_data.store.plain_files import is_plain_file
+from exumi_data.store.zarr_document import DTYPES
+from exumi_recorders.finalise.agreement import check_agreement, has_samples
 from exumi_recorders.finalise.clocks import epoch_of
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.events import EventSummary, read_events
@@ -29,7 +33,6 @@ from exumi_recorders.finalise.verify import verify
 from exumi_recorders.journal.header import (
     CLOCK_LOG,
     EVENTS_LOG,
-    HEADER_LOG,
     JournalHeader,
 )
 from exumi_recorders.journal.reading import Damage, LogReader
@@ -143,11 +146,11 @@ def _finalise(journal: Path, target: Path) -> Finalised:
     if present is not None:
         _drop(journal, state)
         return Finalised(journal, "present", present)
-    if not (journal / HEADER_NAME).exists() and not _has_samples(journal):
-        # The header is written last: nobody was told that it is being recorded.
+    if _is_empty(journal):
         _drop(journal, state)
         return Finalised(journal, "empty")
     header, damages = read_header(journal)
+    check_agreement(journal, header)
     counts = _write(journal, header, state, target, damages)
     _drop(journal, state)
     return Finalised(
@@ -159,6 +162,11 @@ def _finalise(journal: Path, target: Path) -> Finalised:
         state.truncated,
         state.state == "recording",
     )
+
+
+def _is_empty(journal: Path) -> bool:
+    """Whether nobody was told that this is being recorded: the header is written last."""
+    return not os.path.lexists(journal / HEADER_NAME) and not has_samples(journal)
 
 
 def inspect(journal: Path) -> Finalised:
@@ -182,7 +190,10 @@ def inspect(journal: Path) -> Finalised:
             present = _present(target)
             if present is not None:
                 return Finalised(journal, "present", present)
+            if _is_empty(journal):
+                return Finalised(journal, "empty")
             header, damages = read_header(journal)
+            check_agreement(journal, header)
             counts = {}
             for name in header.streams:
                 log = _log(journal, header, name)
@@ -199,11 +210,6 @@ def inspect(journal: Path) -> Finalised:
         state.truncated,
         state.state == "recording",
     )
-
-
-def _has_samples(journal: Path) -> bool:
-    logs = (log for log in journal.glob("*/*.log") if log.parent.name != HEADER_LOG)
-    return any(log.stat().st_size for log in logs)
 
 
 def _present(target: Path) -> Path | None:
@@ -281,9 +287,12 @@ def _arrays(journal: Path, items: Mapping[str, CalibrationItem]) -> dict[str, np
             continue
         path = journal.joinpath("calibration", *parts[:-1], f"{parts[-1]}.npy")
         try:
-            if path.is_symlink() or path.stat().st_size > _MOST_ARRAY_BYTES:
+            # Not a link, which could lead anywhere, nor a pipe, which would be waited for.
+            if not is_plain_file(path) or path.stat().st_size > _MOST_ARRAY_BYTES:
                 continue
-            found[name] = np.load(path, mmap_mode="r", allow_pickle=False)
+            array = np.load(path, mmap_mode="r", allow_pickle=False)
+            if array.dtype.name in DTYPES:
+                found[name] = array
         except (OSError, ValueError, EOFError):
             continue
     return found

@@ -36,9 +36,9 @@ def read_header(journal: Path) -> tuple[JournalHeader, list[Damage]]:
     copy = _copy(journal)
     try:
         raw = read_plain(path, _MOST_BYTES)
-    except (FileNotFoundError, ExumiError):
+    except (FileNotFoundError, ExumiError) as error:
         if copy is None:
-            raise
+            raise _without(journal) if isinstance(error, FileNotFoundError) else error from None
         raw = b""
     header = parse_header(raw if copy is None else copy, path)
     if f"{header.episode.id}{SUFFIX}" != journal.name:
@@ -55,3 +55,11 @@ def _copy(journal: Path) -> bytes | None:
         return next((file for block in log for file in block.files), None)
     except OSError:
         return None
+
+
+def _without(journal: Path) -> DamagedDataError:
+    return DamagedDataError(
+        "has samples, but no header.json, which says what they are",
+        where=journal,
+        fix="Restore it from a copy; the journal stays as it is.",
+    )

@@ -1,6 +1,9 @@
 """Recovering: every journal that a crash left behind becomes an episode."""
 
-from collections.abc import Callable, Sequence
+import fcntl
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -132,11 +135,14 @@ def recover(
     UsageError
         A path is none of these. Nothing was done.
     """
+    for path in paths:
+        find_journals(path)  # nothing is done where one of them is none
+    datasets = [] if dry_run else list(dict.fromkeys(map(_dataset_at, paths)))
+    for dataset in datasets:
+        drop_stale_reserve(dataset)  # first: on a full disk it is the room there is
     done, failed = for_journals(paths, inspect if dry_run else finalise, on_done)
-    if not dry_run:
-        for dataset in dict.fromkeys(map(_dataset_at, paths)):
-            drop_stale_reserve(dataset)
-            remove_leftovers(dataset)
+    for dataset in datasets:
+        remove_leftovers(dataset)
     notices = []
     for dataset in dict.fromkeys(
         dataset_of(one.journal) for one in done if one.outcome == "finalised"
@@ -186,6 +192,10 @@ def for_journals(
         except OSError as error:
             failed.append((journal, f"{error.filename or journal}: {error.strerror or error}"))
             outcome = "failed"
+        except Exception as error:  # noqa: BLE001  # one journal must not keep the others
+            what = f"cannot be made an episode of ({type(error).__name__}: {error})"
+            failed.append((journal, what))
+            outcome = "failed"
         if on_done is not None:
             on_done(len(done) + len(failed), len(journals), outcome)
     return done, failed
@@ -199,10 +209,32 @@ def add_to_catalog(dataset: Path) -> list[str]:
     dataset : pathlib.Path
     """
     try:
-        table = read_catalog(dataset)
-        if table is None and (dataset / CATALOG_NAME).exists():
-            return [f"{dataset}: the catalog cannot be read. Write it with: exumi index {dataset}"]
-        known = [] if table is None else table.to_pylist()
-        return update_catalog(dataset, {row["path"]: row for row in known})
-    except (ExumiError, OSError) as error:
+        with _alone(dataset):
+            return _add_to_catalog(dataset)
+    except (ExumiError, OSError, ValueError) as error:
         return [f"{dataset}: the catalog was not written: {error}"]
+
+
+def _add_to_catalog(dataset: Path) -> list[str]:
+    table = read_catalog(dataset)
+    if table is None and (dataset / CATALOG_NAME).exists():
+        return [f"{dataset}: the catalog cannot be read. Write it with: exumi index {dataset}"]
+    known = [] if table is None else table.to_pylist()
+    return update_catalog(dataset, {row["path"]: row for row in known})
+
+
+@contextmanager
+def _alone(dataset: Path) -> Iterator[None]:
+    """Wait until no other recorder of the dataset adds to its catalog: one would lose the other's.
+
+    Parameters
+    ----------
+    dataset : pathlib.Path
+    """
+    descriptor = os.open(dataset / RECORDING_FOLDER, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

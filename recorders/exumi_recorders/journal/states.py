@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError
 
 from exumi_data.errors import MetadataError, UsageError
 from exumi_data.model.base import Model, Version
-from exumi_data.model.documents import dump, load_json
+from exumi_data.model.documents import check_version, dump, load_json
 from exumi_data.store.files import try_lock, write_atomic
 from exumi_data.store.plain_files import read_plain
 
@@ -47,6 +47,7 @@ HEADER_NAME = "header.json"
 REMOVED = ".removed"
 """In place of `SUFFIX`, of a journal whose episode is complete: nobody reads it any more."""
 STATE_NAME = "state.json"
+STATE_FORMAT = "exumi-journal-state"
 _MOST_BYTES = 1 << 16
 
 State = Literal["recording", "stopped", "finalised", "discarded"]
@@ -120,11 +121,16 @@ def read_state(journal: Path) -> JournalState:
     ------
     DamagedDataError
         There is something else of that name.
+    UnsupportedError
+        It is of a newer version.
     """
     path = journal / STATE_NAME
     try:
         document = load_json(read_plain(path, _MOST_BYTES), path)
-        return JournalState.model_validate_json(json.dumps(document))
+        newer = check_version(document, STATE_FORMAT, path)
+        return JournalState.model_validate_json(
+            json.dumps(document), context={"newer_minor": newer}
+        )
     except (FileNotFoundError, MetadataError, ValidationError):
         return JournalState(state="recording")
 

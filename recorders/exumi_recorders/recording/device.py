@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from exumi_recorders.contract import Driver, Event, Files, Health, Port, Sample
+from exumi_recorders.contract import DeviceError, Driver, Event, Files, Health, Port, Sample
 from exumi_recorders.finalise.events import DEVICE_BACK, DEVICE_LOST, FROZEN
 from exumi_recorders.finalise.losses import KNOWN_FLAGS
 from exumi_recorders.journal.record import RESTARTED
@@ -214,10 +214,14 @@ class DeviceThread:
 
     def _find_streams(self) -> None:
         ports = {port.name: port for port in self._driver.ports}
+        unknown = [repr(name) for name in self._device.streams if name not in ports]
+        if unknown:
+            raise DeviceError(
+                f"has no port {' or '.join(unknown)}, but {', '.join(sorted(ports))}",
+                where=self.name,
+                fix=f"Correct `streams` of [devices.{self.name}].",
+            )
         for port_name, stream in self._device.streams.items():
-            if port_name not in ports:
-                msg = f"{self.name} has no port {port_name!r}, but {', '.join(sorted(ports))}"
-                raise ValueError(msg)
             self.streams[port_name] = RecordedStream(stream, self.name, ports[port_name])
 
     def _take(self, items: list[Sample | Event], now_ns: int) -> None:

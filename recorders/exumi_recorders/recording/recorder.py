@@ -38,12 +38,14 @@ from exumi_recorders.recording.status import (
 )
 from exumi_recorders.recording.writer import WriterThread
 
-__all__ = ["LATENCY", "Recorded", "Recorder"]
+__all__ = ["LATENCY", "Recorded", "Recorder", "latency_of"]
 
 LATENCY = "latency/"
 """A calibration item of this name and a stream's is its latency: value and uncertainty in ns."""
 MALFORMED = "malformed"
 """Cause of samples that cannot be stored: of another length, or stamped in the future."""
+MOST_LATENCY_NS = 60_000_000_000
+"""What is later than a minute is no latency, but a number in another unit."""
 STICKY = ("world_frame", "controls", "clock")
 """Events that hold until the next one: an episode that begins later gets the last one."""
 
@@ -473,15 +475,29 @@ def _boot_id() -> str:
         return "unknown"
 
 
+def latency_of(item: CalibrationItem) -> int | None:
+    """Return the latency that a calibration item states, ns; None where it is none.
+
+    Parameters
+    ----------
+    item : CalibrationItem
+    """
+    value = item.value
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return round(value) if abs(value) <= MOST_LATENCY_NS else None
+
+
 def _stream_header(
     stream: RecordedStream, calibration: Mapping[str, CalibrationItem]
 ) -> StreamHeader:
     item = calibration.get(f"{LATENCY}{stream.name}")
     document = port_document(stream.port)
-    if item is None or not isinstance(item.value, int | float) or isinstance(item.value, bool):
+    latency_ns = None if item is None else latency_of(item)
+    if item is None or latency_ns is None:
         return StreamHeader(device=stream.device, port=document)
     latency = KnownLatency(
-        latency_ns=round(item.value), latency_sigma_ns=item.uncertainty, method=item.method
+        latency_ns=latency_ns, latency_sigma_ns=item.uncertainty, method=item.method
     )
     return StreamHeader(device=stream.device, port=document, latency=latency)
 

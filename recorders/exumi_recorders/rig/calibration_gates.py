@@ -8,10 +8,11 @@ from pydantic import ValidationError
 
 from exumi_data.model.calibration import INTRINSICS, Intrinsics
 from exumi_data.model.description import CalibrationItem
+from exumi_recorders.calibration.items import moment_of
 from exumi_recorders.contract import Files, Port, Rows
 from exumi_recorders.finalise.rows import row_dtype
 from exumi_recorders.finalise.widths import WIDTH_MAP, WidthMap, read_width_map
-from exumi_recorders.recording.recorder import LATENCY
+from exumi_recorders.recording.recorder import LATENCY, latency_of
 from exumi_recorders.rig.gate import Gate, Verdict
 
 __all__ = ["calibration_gates", "width_gate"]
@@ -20,6 +21,7 @@ __all__ = ["calibration_gates", "width_gate"]
 # start. A week is what a careful laboratory lets pass.
 _OLD = timedelta(days=7)
 _TIMED_KINDS = ("pose", "width", "taxels", "tactile", "rgb", "wrench")
+_MOST_SHOWN = 80
 _EXPECTED_MAP = "a map from counts to widths"
 _EXPECTED_LATENCY = f"measured within {_OLD.days} days"
 _MAP_FIX = (
@@ -109,16 +111,18 @@ def _latency(stream: str, port: Port, items: Mapping[str, CalibrationItem], now:
     if item is None:
         found = "none: times are those of arrival"
         return Gate("latency", stream, "warn", found, _EXPECTED_LATENCY, fix)
-    if isinstance(item.value, bool) or not isinstance(item.value, int | float) or item.unit != "ns":
-        found = f"{item.value!r} {item.unit or ''}".strip()
-        return Gate("latency", stream, "fail", found, "a number, in ns", fix)
+    latency_ns = latency_of(item)
+    if latency_ns is None or item.unit != "ns":
+        found = f"{str(item.value)[:_MOST_SHOWN]} {item.unit or ''}".strip()
+        return Gate("latency", stream, "fail", found, "a number in ns, of a minute at most", fix)
     sigma = "" if item.uncertainty is None else f" ± {item.uncertainty / 1e6:.1f}"
-    found = f"{item.value / 1e6:.1f}{sigma} ms"
-    if item.time is None:
+    found = f"{latency_ns / 1e6:.1f}{sigma} ms"
+    moment = moment_of(item)
+    if moment is None:
         return Gate(
             "latency", stream, "warn", f"{found}, of an unknown day", _EXPECTED_LATENCY, fix
         )
-    age = now - datetime.fromisoformat(item.time)
+    age = now - moment
     found += f", {_age(age)} old"
     verdict: Verdict = "warn" if age > _OLD else "pass"
     return Gate(

@@ -28,6 +28,7 @@ DEFAULT_ADDRESS = ("127.0.0.1", 8642)
 _LEAST_PERIOD_S = 0.2
 _MOST_VIEWERS = 8
 _MOST_CONNECTIONS = 32
+_NUMBER = re.compile(r"[0-9]{1,9}")
 _QUIET_S = 10.0
 _BOUNDARY = "exumi-frame"
 _PORT = re.compile(r":[0-9]*$")
@@ -49,13 +50,13 @@ def parse_address(text: str | None) -> tuple[str, int]:
     if not text:
         return DEFAULT_ADDRESS
     host, colon, port = text.rpartition(":")
-    if not colon and not text.isdecimal():
+    if not colon and not _NUMBER.fullmatch(text):
         host, port = text, ""
-    host = host.removeprefix("[").removesuffix("]")
-    number = int(port) if port.isdecimal() else (DEFAULT_ADDRESS[1] if not port else -1)
-    if not 0 <= number <= 65535:
+    bare = host.removeprefix("[").removesuffix("]")
+    number = int(port) if _NUMBER.fullmatch(port) else (DEFAULT_ADDRESS[1] if not port else -1)
+    if not 0 <= number <= 65535 or (":" in bare and host != f"[{bare}]"):
         raise UsageError(f"{text!r} is no address", fix="Write HOST:PORT, such as 0.0.0.0:8642.")
-    return host or DEFAULT_ADDRESS[0], number
+    return bare or DEFAULT_ADDRESS[0], number
 
 
 class Preview:
@@ -86,9 +87,10 @@ class Preview:
     ) -> None:
         try:
             self._server = _Server(address, tuple(streams), latest)
-        except OSError as error:
+        except (OSError, UnicodeError, TypeError) as error:  # of a host that is no name
+            why = error.strerror if isinstance(error, OSError) else "no name of a machine"
             raise UsageError(
-                f"the preview cannot use {address[0]}:{address[1]} ({error.strerror})",
+                f"the preview cannot use {address[0]}:{address[1]} ({why})",
                 fix="Name another one with --preview HOST:PORT.",
             ) from None
         host = f"[{address[0]}]" if ":" in address[0] else address[0]
@@ -132,6 +134,7 @@ def _is_address(text: str) -> bool:
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
+    request_queue_size = _MOST_CONNECTIONS
 
     def __init__(self, address: tuple[str, int], streams: tuple[str, ...], latest: Latest) -> None:
         self.address_family = AF_INET6 if ":" in address[0] else AF_INET

@@ -100,7 +100,7 @@ class Session:
         self._finished: queue.SimpleQueue[Finished] = queue.SimpleQueue()
         self._finisher = Finisher(self._finished.put)
         self._report = SessionReport()
-        self._queued: list[Path] = []
+        self._begun: list[Path] = []
         self._state: State = "waiting"
         self._began = 0.0
         self._said: Annotations | None = None
@@ -140,6 +140,11 @@ class Session:
             self.command("start" if event.detail.get("on") else "stop")
         elif event.name == "world_frame" and device == self._world_device:
             self._has_world = True
+
+    @property
+    def report(self) -> SessionReport:
+        """What the session made so far; whole once `run` has ended, however it did."""
+        return self._report
 
     # --------------------------------------------------------------------------------- the session
 
@@ -183,8 +188,16 @@ class Session:
             self._finisher.give_up()
             raise
         finally:
-            self._end()
+            try:
+                self._end()
+            finally:
+                self._report.left = self._unfinished()
         return self._report
+
+    def _unfinished(self) -> list[Path]:
+        """Return the journals that are still to become episodes."""
+        done = {one.journal for one in self._report.finished} | set(self._report.discarded)
+        return [path for path in self._begun if path not in done and path.exists()]
 
     def _end(self) -> None:
         """Stop what is being recorded, and finish everything."""
@@ -202,8 +215,6 @@ class Session:
             raise
         finally:
             self._collect()
-            done = {one.journal for one in self._report.finished}
-            self._report.left = [path for path in self._queued if path not in done]
             self._hooks.close()
 
     def _obey(self) -> None:
@@ -280,8 +291,10 @@ class Session:
             if self._lacks_world is not None:
                 raise UsageError(self._lacks_world)
             self._check_room()
-            self._recorder.start(self._dataset, document, arrays=self._calibrated.arrays)
-        except (ExumiError, OSError) as error:
+            self._begun.append(
+                self._recorder.start(self._dataset, document, arrays=self._calibrated.arrays)
+            )
+        except (ExumiError, OSError, ValueError) as error:  # what the calibration says, at worst
             text = f"not recording: {error}"
             self._tell(Message("error", "not_started", text))
             self._hook("problem")
@@ -319,7 +332,7 @@ class Session:
         recorded = self._recorder.stop()
         self._state = "waiting"
         # Episodes that begin by themselves do not wait for the operator's second thoughts.
-        undo_s = self._plan.pause_s if self._plan.auto else _UNDO_S
+        undo_s = min(self._plan.pause_s, _UNDO_S) if self._plan.auto else _UNDO_S
         self._stopped = _Stopped(recorded, self._said, time.monotonic() + undo_s)
         if self._plan.auto:
             self._next_auto = time.monotonic() + self._plan.pause_s
@@ -343,7 +356,6 @@ class Session:
             return
         self._kept += 1
         self._trials.add(stopped.said)
-        self._queued.append(stopped.recorded.journal)
         self._finisher.put(stopped.recorded.journal)
 
     def _discard(self, reason: str) -> None:

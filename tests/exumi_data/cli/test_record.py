@@ -273,8 +273,9 @@ def test_a_second_interrupt_leaves_the_journal(
         run.process.send_signal(signal.SIGINT)
         run.wait("finishing the last episodes")
         run.process.send_signal(signal.SIGINT)
-        run.rest()
+        said = run.rest().decode()
     assert run.process.returncode == 130
+    assert f"1 not finished: exumi recover {run.dataset}\n" in said
     assert len(list_journals(run.dataset)) == 1
     assert list_episodes(run.dataset) == []
     assert exumi("recover", run.dataset).returncode == 0

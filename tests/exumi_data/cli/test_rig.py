@@ -50,6 +50,7 @@ def test_init_says_what_is_next_and_overwrites_nothing(exumi: Program, tmp_path:
     assert exumi("rig", "init", "tmi", path, "--force").exit_code == 0
     assert tomllib.loads(path.read_text("utf-8"))["rig"]["name"] == "octopi-tmi"
     assert exumi("rig", "init", "a", "b", "c").exit_code == 2
+    assert "exumi rig init tmi rig.toml" in exumi("rig", "init", "tmi").stderr
 
 
 def test_a_rig_is_calibrated_before_it_is_recorded_with(exumi: Program, tmp_path: Path) -> None:

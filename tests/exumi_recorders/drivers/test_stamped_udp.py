@@ -87,6 +87,11 @@ def test_an_address_in_use(hub: StampedSocket) -> None:
     with pytest.raises(DeviceError, match="cannot listen") as raised:
         StampedSocket("127.0.0.1", hub.address[1], buffer_bytes=1, max_bytes=1)
     assert raised.value.fix is not None
+    assert "Another program" in raised.value.fix
+    with pytest.raises(DeviceError, match="cannot listen") as raised:
+        StampedSocket("192.0.2.1", 0, buffer_bytes=1, max_bytes=1)
+    assert raised.value.fix is not None
+    assert "an address of this machine" in raised.value.fix
 
 
 def test_a_closed_socket_is_lost(hub: StampedSocket) -> None:

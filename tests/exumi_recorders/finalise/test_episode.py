@@ -1,6 +1,7 @@
 """Journals become episodes that the validator finds valid, with all that was known in them."""
 
 import json
+import os
 import shutil
 import struct
 from dataclasses import replace
@@ -498,6 +499,29 @@ def test_the_reference_of_a_finger_is_the_calibrations(dataset: Path) -> None:
         assert (found["touch"].reference == 90).all()
         assert found.calibration_array("tactile_reference/touch").shape == SIZE
         assert "gone" not in found.metadata.calibration
+        assert set(notes(found)) == {"calibration-lost"}
+
+
+@pytest.mark.parametrize("what", ["pipe", "link", "words", "rubbish"])
+def test_calibration_arrays_that_are_none(dataset: Path, what: str) -> None:
+    item = CalibrationItem(value=None, array="calibration/map")
+    journal = make_journal(
+        dataset,
+        {"pose": (POSE, samples("pose", 5, 90.0))},
+        metadata=episode(calibration={"map": item}),
+        arrays={"map": np.array(["a", "b"]) if what == "words" else np.eye(2)},
+    )
+    path = journal / "calibration" / "map.npy"
+    if what != "words":
+        path.unlink()
+    if what == "pipe":
+        os.mkfifo(path)
+    elif what == "link":
+        path.symlink_to("/dev/zero")
+    elif what == "rubbish":
+        path.write_bytes(b"\x93NUMPY rubbish")
+    finalise(journal)
+    with open_final(dataset) as found:
         assert set(notes(found)) == {"calibration-lost"}
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -317,8 +318,11 @@ def test_random_corruption_of_any_file_costs_only_what_it_hits(dataset: Path) ->
 def test_a_full_disk_keeps_the_journal(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     journal = make_journal(dataset, {"pose": (POSE, samples("pose", 5, 90.0))})
     before = contents(journal)
+    reserve = dataset / ".recording" / ".reserve"
+    reserve.write_bytes(b"left by a crash")
 
     def full(*_: object, **__: object) -> None:
+        assert not reserve.exists()  # its room was given back before it was needed
         raise OSError(28, "No space left on device", str(dataset))
 
     with monkeypatch.context() as patch:
@@ -371,6 +375,25 @@ def test_the_catalog_grows(dataset: Path) -> None:
     make_journal(dataset, {"pose": (POSE, samples("pose", 5))}, metadata=episode(3))
     assert "exumi index" in recover([dataset]).notices[0]
     assert (dataset / "catalog.parquet").read_text() == "no catalog"
+
+
+def test_finalising_at_the_same_time_loses_nothing_of_the_catalog(dataset: Path) -> None:
+    journals = [
+        make_journal(dataset, {"pose": (POSE, samples("pose", 5))}, metadata=episode(number))
+        for number in range(1, 9)
+    ]
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda journal: recover([journal]), journals))
+    table = read_catalog(dataset)
+    assert table is not None
+    assert table.num_rows == len(journals)
+
+
+def test_a_folder_whose_name_is_no_text(tmp_path: Path) -> None:
+    dataset = make_dataset(tmp_path / "\udcff")
+    make_journal(dataset, {"pose": (POSE, samples("pose", 5))})
+    result = recover([dataset])
+    assert ([one.outcome for one in result.done], result.notices) == (["finalised"], ())
 
 
 def test_paths_that_hold_no_journal_are_refused(tmp_path: Path, dataset: Path) -> None:

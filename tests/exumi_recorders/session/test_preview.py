@@ -4,7 +4,7 @@ import select
 import socket
 import threading
 import time
-from http.client import HTTPConnection
+from http.client import HTTPConnection, HTTPException
 from urllib.parse import urlsplit
 
 import pytest
@@ -48,10 +48,41 @@ def test_addresses(text: str | None, address: tuple[str, int]) -> None:
     assert parse_address(text) == address
 
 
-@pytest.mark.parametrize("text", ["host:port", "1.2.3.4:99999", ":-1"])
+@pytest.mark.parametrize(
+    "text", ["host:port", "1.2.3.4:99999", ":-1", "::1", "::1:80", "hub:٣", "8642/:x"]
+)
 def test_what_is_no_address(text: str) -> None:
     with pytest.raises(UsageError, match="no address"):
         parse_address(text)
+
+
+@pytest.mark.parametrize("host", ["é" * 100, "256.1.1.1"])
+def test_hosts_that_are_none(host: str) -> None:
+    with pytest.raises(UsageError, match="cannot use"):
+        Preview([], Camera().latest, (host, 0))
+
+
+def test_those_who_connect_and_say_nothing_cost_little() -> None:
+    with Preview(["rgb"], Camera().latest, ("127.0.0.1", 0)) as preview:
+        address = urlsplit(preview.url)
+        silent = [
+            socket.create_connection(("127.0.0.1", address.port or 0), timeout=5) for _ in range(60)
+        ]
+        time.sleep(0.2)
+        serving = [one for one in threading.enumerate() if "process_request_thread" in one.name]
+        assert 30 <= len(serving) <= 32
+        for one in silent:
+            one.close()
+        end = time.monotonic() + 5
+        connection = connect(preview)
+        while True:
+            try:
+                connection.request("GET", "/rgb.jpg")
+                assert connection.getresponse().read(2) == b"\xff\xd8"
+                break
+            except (ConnectionError, HTTPException):
+                assert time.monotonic() < end
+                connection.close()
 
 
 def test_the_page_names_every_camera_and_is_for_this_machine_only() -> None:

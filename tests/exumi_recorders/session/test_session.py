@@ -164,6 +164,15 @@ def test_a_disk_with_too_little_room_refuses_to_begin(
     assert list_journals(run.dataset) == []
 
 
+def test_the_last_episode_does_not_wait_for_a_long_pause(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session_module, "_UNDO_S", 0.2)
+    plan = Plan(task="toy", duration_s=0.5, auto=True, pause_s=1e300, episodes=1)
+    with Running(tmp_path, [Toy(POSE)], plan) as run:
+        assert len(run.ended().finished) == 1
+
+
 def test_a_full_disk_ends_the_episode_and_the_operator_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
