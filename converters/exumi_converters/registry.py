@@ -11,6 +11,7 @@ from typing import TypeVar
 from exumi_converters.clips import ClipsConverter
 from exumi_converters.converter import Converter
 from exumi_converters.exporter import Exporter
+from exumi_converters.lerobot_dataset.writing import LeRobotExporter
 from exumi_converters.mcap_files.reading import McapConverter
 from exumi_converters.mcap_files.writing import McapExporter
 from exumi_converters.octopi import OctopiConverter
@@ -35,7 +36,9 @@ _OWN: Mapping[str, Converter] = {
     converter.name: converter
     for converter in (ClipsConverter(), McapConverter(), OctopiConverter())
 }
-_OWN_EXPORTERS: Mapping[str, Exporter] = {exporter.name: exporter for exporter in (McapExporter(),)}
+_OWN_EXPORTERS: Mapping[str, Exporter] = {
+    exporter.name: exporter for exporter in (LeRobotExporter(), McapExporter())
+}
 FORMATS: tuple[str, ...] = tuple(_OWN)
 """Names of the formats that this package reads."""
 EXPORTERS: tuple[str, ...] = tuple(_OWN_EXPORTERS)
