@@ -50,7 +50,10 @@ def read(root: Path, out: Path) -> None:
         arrays[key] = np.stack([np.atleast_1d(item[key].numpy()) for item in items])
     for key in dataset.meta.camera_keys:
         arrays[key] = np.stack(
-            [(item[key].numpy() * 255).round().astype(np.uint8).transpose(1, 2, 0) for item in items]
+            [
+                (item[key].numpy() * 255).round().astype(np.uint8).transpose(1, 2, 0)
+                for item in items
+            ]
         )
     # Its own statistics of the same numbers, put together by its own code.
     numbers = np.array(found["episode_index"])
@@ -79,7 +82,9 @@ def read(root: Path, out: Path) -> None:
 def picture(episode: int, index: int) -> np.ndarray:
     """Return a smooth picture that moves, (H, W, 3) uint8."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
-    return np.stack([90 + x, 100 + y + index, 140 - x // 2 + 10 * episode], axis=-1).astype(np.uint8)
+    return np.stack([90 + x, 100 + y + index, 140 - x // 2 + 10 * episode], axis=-1).astype(
+        np.uint8
+    )
 
 
 def write(root: Path) -> None:

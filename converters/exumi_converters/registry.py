@@ -11,6 +11,7 @@ from typing import TypeVar
 from exumi_converters.clips import ClipsConverter
 from exumi_converters.converter import Converter
 from exumi_converters.exporter import Exporter
+from exumi_converters.lerobot_dataset.reading import LeRobotConverter
 from exumi_converters.lerobot_dataset.writing import LeRobotExporter
 from exumi_converters.mcap_files.reading import McapConverter
 from exumi_converters.mcap_files.writing import McapExporter
@@ -34,7 +35,7 @@ EXPORT_ENTRY_POINTS = "exumi.exporters"
 
 _OWN: Mapping[str, Converter] = {
     converter.name: converter
-    for converter in (ClipsConverter(), McapConverter(), OctopiConverter())
+    for converter in (ClipsConverter(), LeRobotConverter(), McapConverter(), OctopiConverter())
 }
 _OWN_EXPORTERS: Mapping[str, Exporter] = {
     exporter.name: exporter for exporter in (LeRobotExporter(), McapExporter())

@@ -260,6 +260,50 @@ class VideoDecoder:
         """Yield the packets of the video stream, undecoded."""
         yield from self._packets((self._stream,))
 
+    def copy_frames(self, first: int, stop: int, target: str) -> bool:
+        """Copy frames into a new MP4 file as they are encoded; their pts count from the first.
+
+        Parameters
+        ----------
+        first, stop : int
+            From pts `first` to before pts `stop`.
+        target : str
+            Path of the new file.
+
+        Returns
+        -------
+        bool
+            False where the first is no keyframe: then there is no such file.
+
+        Raises
+        ------
+        DamagedDataError
+            There is no such place in the file.
+        SourceError
+            An MP4 file cannot hold them.
+        """
+        self.seek(first)
+        wanted = (p for p in self.packets() if p.pts is not None and first <= p.pts < stop)
+        packet = next(wanted, None)
+        if packet is None or not packet.is_keyframe:
+            return False
+        origin = packet.pts
+        try:
+            with av.open(target, "w", format="mp4") as container:
+                copied = container.add_stream_from_template(self._stream, opaque=True)
+                copied.time_base = self.time_base
+                while packet is not None:
+                    packet.pts -= origin
+                    packet.dts = packet.pts if packet.dts is None else packet.dts - origin
+                    packet.stream = copied
+                    container.mux(packet)
+                    packet = next(wanted, None)
+        except (av.FFmpegError, OSError, ValueError) as error:
+            raise SourceError(
+                f"frames cannot be copied ({_short(error)})", where=self.where
+            ) from None
+        return True
+
     def data_packets(self) -> Iterator[Any]:
         """Yield the packets of the tracks that are neither picture nor sound; pass over the rest.
 

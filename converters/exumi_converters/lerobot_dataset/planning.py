@@ -120,9 +120,7 @@ def _odd_sides(features: Features, profiles: Sequence[Profile]) -> dict[str, str
     return {}
 
 
-def _timeline(
-    told: LeRobotOptions, features: Features, profiles: Sequence[Profile]
-) -> str | None:
+def _timeline(told: LeRobotOptions, features: Features, profiles: Sequence[Profile]) -> str | None:
     """Return the stream that the ticks are taken from."""
     images = [image.stream for image in features.images]
     if told.timeline:

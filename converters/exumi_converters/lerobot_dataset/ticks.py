@@ -71,9 +71,7 @@ def tick_times(start_ns: int, first: int, stop: int, fps: Fraction) -> np.ndarra
     return start_ns + tick_times_ns(np.arange(first, stop, dtype=np.int64), 1 / fps)
 
 
-def common_ticks(
-    streams: Sequence[StreamView], timeline: str | None, fps: Fraction
-) -> Ticks | str:
+def common_ticks(streams: Sequence[StreamView], timeline: str | None, fps: Fraction) -> Ticks | str:
     """Find the ticks of an episode; else say why there are none.
 
     Parameters
