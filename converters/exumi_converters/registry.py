@@ -16,6 +16,7 @@ from exumi_converters.lerobot_dataset.writing import LeRobotExporter
 from exumi_converters.mcap_files.reading import McapConverter
 from exumi_converters.mcap_files.writing import McapExporter
 from exumi_converters.octopi import OctopiConverter
+from exumi_converters.octopi_export import OctopiExporter
 from exumi_data.errors import UsageError
 from exumi_data.plugins import Plugin, load_plugins, refuse_twice
 
@@ -33,13 +34,19 @@ __all__ = [
 ENTRY_POINTS = "exumi.converters"
 EXPORT_ENTRY_POINTS = "exumi.exporters"
 
-_OWN: Mapping[str, Converter] = {
-    converter.name: converter
-    for converter in (ClipsConverter(), LeRobotConverter(), McapConverter(), OctopiConverter())
-}
-_OWN_EXPORTERS: Mapping[str, Exporter] = {
-    exporter.name: exporter for exporter in (LeRobotExporter(), McapExporter())
-}
+_CONVERTERS: tuple[Converter, ...] = (
+    ClipsConverter(),
+    LeRobotConverter(),
+    McapConverter(),
+    OctopiConverter(),
+)
+_EXPORTERS: tuple[Exporter, ...] = (
+    LeRobotExporter(),
+    McapExporter(),
+    OctopiExporter(),
+)
+_OWN: Mapping[str, Converter] = {converter.name: converter for converter in _CONVERTERS}
+_OWN_EXPORTERS: Mapping[str, Exporter] = {exporter.name: exporter for exporter in _EXPORTERS}
 FORMATS: tuple[str, ...] = tuple(_OWN)
 """Names of the formats that this package reads."""
 EXPORTERS: tuple[str, ...] = tuple(_OWN_EXPORTERS)

@@ -214,7 +214,8 @@ def round_trip_differences(
     """
     root = _folder(folder)
     told = export_options or ExportOptions(durable=False)
-    export(dataset, root / name, to_format=exporter.name, options=told)
+    written = export(dataset, root / name, to_format=exporter.name, options=told)
+    _raise([f"failed: {item.name}: {item.reason}" for item in written.failed])
     report = convert(
         root / name,
         root / "back",

@@ -140,7 +140,7 @@ def _line(one: "Finalised") -> str:
     said = {
         "finalised": f"{one.episode}: {total:,} samples",
         "found": f"{one.journal}: {total:,} samples, not finalised",
-        "present": f"{one.episode}: was there already",
+        "present": f"{one.episode or one.journal}: was there already",
         "discarded": f"{one.journal}: was discarded, stays",
         "empty": f"{one.journal}: nothing was recorded",
         "recording": f"{one.journal}: is being recorded or finalised, left alone",

@@ -46,6 +46,7 @@ class Widths:
     name = "widths"
     version = "1"
     describes = "a line an episode"
+    keeps: tuple[str, ...] = ("widths",)
     loses: Mapping[str, str] = {"time": "only the order is kept"}
     options: type[FormatOptions] = FormatOptions
     failing: set[str] = set()  # noqa: RUF012  # one exporter, told by the tests

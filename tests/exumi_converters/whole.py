@@ -198,13 +198,13 @@ def _add_motion(writer: EpisodeWriter, made: Made, rng: np.random.Generator) -> 
     raw = poses.copy()
     raw[:, 1] -= 0.08
     pose.append(time, poses, raw=raw)
-    ticks = np.delete(_times(made, 200.0), range(40, 46))
+    ticks = np.delete(_times(made, 200.0), range(10, 16))
     width = writer.add_stream(
         "width",
         kind="width",
         clock=_clock(),
         raw=RawData(unit="count", transform="encoder_map", modulus=4096),
-        gaps=[Gap(after=39, lost=6, reason="a full queue")],
+        gaps=[Gap(after=9, lost=6, reason="a full queue")],
         lost={"queue": 6},
     )
     opening = (0.04 + 0.03 * np.sin(ticks / NS * 3)).astype(np.float32)

@@ -1,5 +1,6 @@
 """One episode of a LeRobotDataset becomes an episode of ours."""
 
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -189,5 +190,5 @@ class LeRobotEpisode:
                 start_ns=int(self._time[start]),
                 end_ns=int(self._time[stop - 1]) + period,
             )
-            for start, stop in zip(edges, edges[1:], strict=False)
+            for start, stop in pairwise(edges)
         ]

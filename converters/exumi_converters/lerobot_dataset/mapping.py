@@ -22,7 +22,7 @@ from exumi_converters.lerobot_dataset.options import LeRobotReadOptions, listed
 from exumi_data.errors import UsageError
 from exumi_data.geometry import axis_angle_to_quaternion, make_sign_continuous
 
-__all__ = ["ImageStream", "FeatureMap", "NumberStream", "map_features", "stream_values"]
+__all__ = ["FeatureMap", "ImageStream", "NumberStream", "map_features", "stream_values"]
 
 Order = Literal["xyzw", "wxyz", "rotvec", "values"]
 _PARTS = {"xyzw": 7, "wxyz": 7, "rotvec": 6}

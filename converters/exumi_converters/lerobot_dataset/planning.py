@@ -397,6 +397,7 @@ def _notices(
         notices.append("there is no action: no pose or width gives a state")
     elif told.action == "next-state":
         notices.append(
-            "action is declared, not measured: the state of the next frame; the last repeats its own"
+            "action is declared, not measured: the state of the next frame; the last frame repeats "
+            "its own"
         )
     return tuple(notices)

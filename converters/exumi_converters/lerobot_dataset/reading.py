@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from exumi_converters.converter import ConvertOptions, Discovery, EpisodeSource, SourceFile
@@ -175,7 +176,7 @@ class _Finder:
         places = sorted(
             (*row.videos[key], row.index, row.length) for row in rows if key in row.videos
         )
-        for before, after in zip(places, places[1:], strict=False):
+        for before, after in pairwise(places):
             end = before[2] + before[4] / float(self._info.rate)
             if before[:2] == after[:2] and after[2] < end - half:
                 why = (

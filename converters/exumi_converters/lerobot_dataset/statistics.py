@@ -68,7 +68,7 @@ class ImageStatistics:
         """
         height, width = frame.shape[:2]
         if max(height, width) >= _SMALL_SIDE:
-            step = int((width if width > height else height) / _TARGET_SIDE)
+            step = int(max(height, width) / _TARGET_SIDE)
             frame = frame[::step, ::step]
         for channel in range(3):
             self._levels[channel] += np.bincount(frame[..., channel].ravel(), minlength=_LEVELS)

@@ -32,6 +32,11 @@ class LeRobotExporter:
     name = "lerobot"
     version = "1"
     describes = "a LeRobotDataset v3.0: Parquet and MP4 on one timeline"
+    keeps: tuple[str, ...] = (
+        "cameras and tactile sensors as videos of one rate: the frames nearest in time",
+        "poses and widths as observation.state, wrenches and taxels as features of their own",
+        "the activity of tactile frames; the task as a sentence; the device's name as robot_type",
+    )
     loses: Mapping[str, str] = LOSES
     options: type[FormatOptions] = LeRobotOptions
 
@@ -79,7 +84,7 @@ class LeRobotExporter:
     def assemble(
         self, parts: Sequence[Part], target: Path, plan: ExportPlan, about: Mapping[str, Any]
     ) -> None:
-        """Number the episodes, move their videos, and write the tables."""
+        """Move the videos and write the tables, with every episode's number."""
         assemble(parts, target, plan.shared)
 
 

@@ -1,7 +1,7 @@
 """A file that somebody else wrote: images, poses and sound by Foxglove's schemas."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -10,10 +10,12 @@ from typing import Any, Literal
 import numpy as np
 
 from exumi_converters.mcap_files.records import Records
-from exumi_data.errors import SourceError
+from exumi_converters.tactile_analysis import TactileAnalysis
+from exumi_data.errors import DamagedDataError, SourceError
 from exumi_data.model import ArrayImages, Clock, EncodedImages, Frames, QualityNote
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_data.tactile import to_grey
 from exumi_data.time import format_rate, format_utc
 
 __all__ = ["ForeignFile"]
@@ -36,6 +38,9 @@ class _Topic:
     last_ns: int | None = None
     count: int = 0
     dropped: int = 0
+    seen: int = 0
+    analysis: TactileAnalysis = field(default_factory=TactileAnalysis)
+    taken: set[int] = field(default_factory=set)  # which messages of a tactile topic
     reasons: set[str] = field(default_factory=set)
 
 
@@ -70,14 +75,19 @@ class ForeignFile:
 
         schemas: dict[int, str] = {}
         records = Records(self._path)
+        channels = self._topics
         for record in records.read():
             if isinstance(record, Schema):
                 schemas[record.id] = record.name
             elif isinstance(record, Channel):
                 self._open(record, schemas.get(record.schema_id, ""))
-            elif isinstance(record, Message) and record.channel_id in self._topics:
-                self._take(self._topics[record.channel_id], record)
+            elif isinstance(record, Message) and record.channel_id in channels:
+                self._take(channels[record.channel_id], record)
         self._note(records.damage)
+        for channel, topic in channels.items():
+            if topic.kind == "tactile" and topic.count:
+                reader = _TopicReader(self._path, channel, topic)
+                topic.analysis.finish(self._writer, topic.stream, reader)
         count = sum(topic.count for topic in self._topics.values())
         if count == 0:
             unread = ", ".join(f"{topic} ({why})" for topic, why in sorted(self._unread.items()))
@@ -110,6 +120,7 @@ class ForeignFile:
         return free
 
     def _take(self, topic: _Topic, record: Any) -> None:
+        number, topic.seen = topic.seen, topic.seen + 1
         try:
             message = _parsed(topic.schema, record.data)
             stamp = message.timestamp.ToNanoseconds() or record.log_time
@@ -128,6 +139,14 @@ class ForeignFile:
             topic.dropped += 1
             topic.reasons.add("another size or encoding than the first")
             return
+        if topic.kind == "tactile":
+            try:
+                topic.analysis.add(_grey(value))
+            except DamagedDataError as error:
+                topic.dropped += 1
+                topic.reasons.add(error.what)
+                return
+            topic.taken.add(number)
         self._append(topic, stamp - self._start_ns, value)
 
     def _append(self, topic: _Topic, at: int, value: Any) -> None:
@@ -176,6 +195,51 @@ class ForeignFile:
             named = ", ".join(f"{t} ({why})" for t, why in sorted(self._unread.items()))
             message = f"topics that were not read: {named}"
             notes.append(QualityNote(code="not-converted", message=message, severity="info"))
+
+
+class _TopicReader:
+    """The tactile images of one topic, again."""
+
+    def __init__(self, path: Path, channel: int, topic: _Topic) -> None:
+        self._path = path
+        self._channel = channel
+        self._topic = topic
+
+    def _values(self) -> Iterator[bytes | np.ndarray]:
+        from mcap.records import Message
+
+        number = -1
+        for record in Records(self._path).read():
+            if isinstance(record, Message) and record.channel_id == self._channel:
+                number += 1
+                if number in self._topic.taken:
+                    schema = self._topic.schema
+                    yield _VALUES[schema](_parsed(schema, record.data))
+
+    def greys(self) -> Iterator[np.ndarray]:
+        """Yield every image, (H, W) uint8 luma."""
+        return map(_grey, self._values())
+
+    def pictures(self, indices: Sequence[int]) -> list[np.ndarray]:
+        """Return some images, ascending, each (H, W, C) uint8."""
+        wanted = set(indices)
+        return [_picture(value) for i, value in enumerate(self._values()) if i in wanted]
+
+
+def _picture(value: bytes | np.ndarray) -> np.ndarray:
+    if not isinstance(value, bytes):
+        return value
+    out = np.empty(jpeg.size_of(value), np.uint8)
+    jpeg.decode_into(value, out)
+    return out
+
+
+def _grey(value: bytes | np.ndarray) -> np.ndarray:
+    if not isinstance(value, bytes):
+        return to_grey(value) if value.shape[2] == 3 else value[..., 0]  # colours
+    out = np.empty((*jpeg.size_of(value)[:2], 1), np.uint8)
+    jpeg.decode_into(value, out)
+    return out[..., 0]
 
 
 def _parsed(schema: str, data: bytes) -> Any:

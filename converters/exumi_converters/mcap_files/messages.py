@@ -44,9 +44,9 @@ def schemas_of(stream: StreamView, *, video_as_jpeg: bool) -> dict[str, str]:
         "rgb": _image_schema(stream),
         "tactile": _image_schema(stream),
     }.get(stream.kind, f"exumi.{stream.kind.capitalize()}")
-    found = {topic: own}
     if stream.is_image and not video_as_jpeg and _encoding(stream) == "video":
-        found = {}
+        return {}
+    found = {topic: own}
     if own.startswith("foxglove.") and _beside(stream):
         found[f"{topic}/sample"] = SAMPLE_SCHEMA
     return found
@@ -88,8 +88,10 @@ def messages_of(
     topic = topic_of(stream.name)
     beside = _beside(stream)
     schemas = schemas_of(stream, video_as_jpeg=video_as_jpeg)
-    is_json = schemas.get(topic, "").startswith("exumi.")
-    samples = _samples(episode, stream) if topic in schemas else None
+    if not schemas:  # its files are attached
+        return
+    is_json = schemas[topic].startswith("exumi.")
+    samples = _samples(episode, stream)
     time_ns = stream.time
     for start in range(0, len(time_ns), _BLOCK):
         stop = min(start + _BLOCK, len(time_ns))
@@ -97,9 +99,6 @@ def messages_of(
         for index in range(start, stop):
             at = int(time_ns[index]) + base_ns
             more = {name: values[index - start] for name, values in extra.items()}
-            if samples is None:
-                yield Message(at, f"{topic}/sample", _json(more, stream))
-                continue
             value = next(samples)
             if is_json:
                 yield Message(at, topic, _json({**value, **more}, stream))

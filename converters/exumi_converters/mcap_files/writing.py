@@ -12,7 +12,7 @@ from pydantic import Field
 
 from exumi_converters.exporter import ExportItem, ExportOptions, ExportPlan, Loss, Part
 from exumi_converters.format_options import FormatOptions, parse_options
-from exumi_converters.mcap_files.messages import messages_of, schemas_of
+from exumi_converters.mcap_files.messages import BESIDE, messages_of, schemas_of
 from exumi_converters.mcap_files.topics import (
     ARRAYS_FOLDER,
     DOCUMENT_RECORD,
@@ -57,6 +57,10 @@ class McapExporter:
     name = "mcap"
     version = "1"
     describes = "MCAP files with Foxglove's schemas, one an episode"
+    keeps: tuple[str, ...] = (
+        "every sample of every stream, at its own rate and time, bit for bit",
+        "the episode's own document, so that the file becomes the episode again",
+    )
     loses: Mapping[str, str] = {
         "identity": "the id is kept as parent_id when the file is converted back",
         "source": "converted back, it names the file; its lossy steps stay",
@@ -299,7 +303,7 @@ class _EpisodeFile:
             images = getattr(stream.metadata, "images", None)
             if images is None or images.encoding != "video":
                 continue
-            for array in ("pts", "keyframe", "file"):
+            for array in ("pts", "keyframe", "file", *BESIDE):
                 if array in stream.metadata.arrays:
                     self._attach(f"streams/{stream.name}/{array}", stream.array(array))
             self._attach(f"streams/{stream.name}/time", stream.time)

@@ -30,7 +30,12 @@ from exumi_recorders.calibration.files import Calibration
 from exumi_recorders.calibration.items import LATENCY
 from exumi_recorders.calibration.recordings import fitting
 from exumi_recorders.calibration.tactile import DEPTH_TABLE, SCALE
-from exumi_recorders.finalise.widths import WIDTH_MAP, WidthMap, read_width_map
+from exumi_recorders.finalise.widths import (
+    NOT_CALIBRATED,
+    WIDTH_MAP,
+    WidthMap,
+    read_width_map,
+)
 
 __all__ = ["NOTE", "Applied", "apply_calibration", "named"]
 
@@ -323,12 +328,24 @@ def _remapped(stream: StreamView, wanted: dict[str, CalibrationItem], plan: _Pla
         # Flags may have been changed with the times already.
         before = plan.arrays.get(stream.name, {}).get("flags")
         changed.update(_marked(stream, "out_of_range", outside))
+        changed.update(_made_valid(stream, changed.get("flags", stream.flags)))
         if before is not None and "flags" in changed:
             nudged = np.uint32(flags()["time_nudged"].mask)
             changed["flags"] = (changed["flags"] & ~nudged) | (before & nudged)
     later = described.model_copy(update={"transform": name, "modulus": modulus})
     if changed or later != described:
         plan.change(stream.name, changed, raw=later)
+
+
+def _made_valid(stream: StreamView, marks: np.ndarray | None) -> dict[str, np.ndarray]:
+    """Return flags without `invalid` where that was only said because there was no map."""
+    before = stream.flags
+    if before is None or marks is None:
+        return {}
+    invalid, outside = (np.uint32(flags()[name].mask) for name in ("invalid", "out_of_range"))
+    both = (before & (invalid | outside)) == (invalid | outside)
+    unknown = both & ~np.isfinite(stream.data)
+    return {"flags": np.where(unknown, marks & ~invalid, marks)} if unknown.any() else {}
 
 
 def _write(
@@ -349,7 +366,15 @@ def _write(
         message=f"{', '.join(names)} from {source}",
         severity="info",
     )
-    metadata.quality = [*(n for n in metadata.quality if n.code != NOTE), note]
+    mapped = {name for name, arrays in plan.arrays.items() if "data" in arrays}
+    metadata.quality = [
+        *(
+            n
+            for n in metadata.quality
+            if n.code != NOTE and not (n.code == NOT_CALIBRATED and n.stream in mapped)
+        ),
+        note,
+    ]
     arrays = {name: calibration.arrays[name] for name in plan.items if name in calibration.arrays}
     replaced = {f"calibration/{name}" for name in plan.items}
     with EpisodeWriter(path, metadata, overwrite=True, durable=durable) as writer:

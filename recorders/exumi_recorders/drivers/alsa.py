@@ -24,6 +24,7 @@ _SOCKET = "unix:"
 _SAMPLE_BYTES = 2
 _SILENT_NS = NS_PER_S
 _AT_ONCE = 16
+_SEQUENCES = 1 << 32
 _PAST_NS = 60 * NS_PER_S
 
 
@@ -197,18 +198,26 @@ class SoundDriver:
         """
         if self._source is None:
             raise DeviceError(f"the sound card {self._options.device} is not open")
-        return [
-            Sample("sound", block.stamp_ns, block.data, sequence=block.sequence)
-            for block in self._source.read(timeout_s)
-            if self._takes(block)
-        ]
+        end_ns = self._now_ns() + int(timeout_s * NS_PER_S)
+        while True:
+            left_s = max(0.0, (end_ns - self._now_ns()) / NS_PER_S)
+            blocks = self._source.read(left_s)
+            found: list[Sample | Event] = [
+                Sample("sound", block.stamp_ns, block.data, sequence=block.sequence)
+                for block in blocks
+                if self._takes(block)
+            ]
+            if found or not blocks or not left_s:
+                return found
 
     def _takes(self, block: Frame) -> bool:
         self._seen_ns = self._now_ns()
         if block.sequence is not None:
             if self._next_sequence is not None:
-                self._skipped += (block.sequence - self._next_sequence) % (1 << 32)
-            self._next_sequence = (block.sequence + 1) % (1 << 32)
+                missing = (block.sequence - self._next_sequence) % _SEQUENCES
+                # More than half of the range is a step back: no loss.
+                self._skipped += missing if missing < _SEQUENCES // 2 else 0
+            self._next_sequence = (block.sequence + 1) % _SEQUENCES
         whole = block.data and not len(block.data) % (self._options.channels * _SAMPLE_BYTES)
         later = self._last_ns is None or block.stamp_ns > self._last_ns
         near = self._seen_ns - _PAST_NS < block.stamp_ns <= self._seen_ns

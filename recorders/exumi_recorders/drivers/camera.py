@@ -333,9 +333,14 @@ class CameraDriver:
         """
         if self._source is None:
             raise DeviceError(f"the camera {self._options.device} is not open")
-        if not self._ready:
-            for frame in self._source.read(timeout_s):
+        end_ns = self._now_ns() + int(timeout_s * NS_PER_S)
+        while not self._ready:
+            left_s = max(0.0, (end_ns - self._now_ns()) / NS_PER_S)
+            frames = self._source.read(left_s)
+            for frame in frames:
                 self._take(frame)
+            if not frames or not left_s:
+                break
         ready, self._ready = self._ready, []
         return ready
 
@@ -371,18 +376,18 @@ class CameraDriver:
 
     def health(self) -> Health:
         """Tell images, losses, controls, and what did not take."""
-        counts = self._counts
+        # Looked up once: the camera may be closed meanwhile.
+        counts, source = self._counts, self._source
         problems = list(self._problems)
         silent_ns = self._now_ns() - counts.last_seen_ns
-        if self._source is not None and silent_ns > _SILENT_NS:
+        if source is not None and silent_ns > _SILENT_NS:
             problems.append(f"no image for {silent_ns / NS_PER_S:.0f} s")
-        if self._source is not None and self._source.modulus is None:
-            readings: dict[str, Any] = {"losses_known": False}
-        else:
-            readings = {}
+        readings: dict[str, Any] = {"images": counts.images}
+        if source is not None and source.modulus is None:
+            readings["losses_known"] = False
         return Health(
             lost=counts.lost,
-            readings={"images": counts.images, **readings, **self._controls},
+            readings={**readings, **self._controls},
             problems=tuple(problems),
         )
 

@@ -29,6 +29,7 @@ from exumi_recorders.contract import (
 __all__ = ["DRIVER", "FieldsOptions", "LineDriver", "LineSource", "Reading"]
 
 _MOST_BYTES = 4096
+_LARGEST_DATAGRAM = 65535
 _SILENT_S = 1.0
 _REJECTED_SHARE = 0.01
 
@@ -227,7 +228,7 @@ class _Datagrams:
     def receive(self, timeout_s: float) -> bytes:
         self._socket.settimeout(max(timeout_s, 0.0))
         with suppress(TimeoutError, BlockingIOError):
-            return self._socket.recv(_MOST_BYTES)
+            return self._socket.recv(_LARGEST_DATAGRAM)  # one that is cut ends in half a number
         return b""
 
     def close(self) -> None:

@@ -69,9 +69,15 @@ class Quest:
         DeviceLostError
             The socket fails.
         """
-        datagrams = self._link().receive(timeout_s)
-        with self._lock:
-            return [found for datagram in datagrams for found in self._stream.take(datagram)]
+        until_s = time.monotonic() + timeout_s
+        while True:
+            # Much that comes is no sample: a world frame again, an echo, what is refused.
+            left_s = max(0.0, until_s - time.monotonic())
+            datagrams = self._link().receive(left_s)
+            with self._lock:
+                found = [one for datagram in datagrams for one in self._stream.take(datagram)]
+            if found or not left_s:
+                return found
 
     def health(self) -> Health:
         """Tell how the device is."""

@@ -37,6 +37,7 @@ from exumi_recorders.journal.record import salt_of
 from exumi_recorders.journal.states import (
     HEADER_NAME,
     RECORDING_FOLDER,
+    REMOVED,
     SUFFIX,
     JournalState,
     locked,
@@ -128,6 +129,10 @@ def finalise(journal: Path) -> Finalised:
             return _finalise(journal, target)
     except BlockingIOError:
         return Finalised(journal, "recording")
+    except FileNotFoundError:
+        if journal.exists():
+            raise
+        return Finalised(journal, "present", _present(target))  # another one was faster
 
 
 def _finalise(journal: Path, target: Path) -> Finalised:
@@ -237,8 +242,12 @@ def _present(target: Path) -> Path | None:
 
 def _drop(journal: Path, state: JournalState) -> None:
     write_state(journal, state.model_copy(update={"state": "finalised"}))
-    shutil.rmtree(journal)
+    # Under another name, so that half of it is never taken for a journal.
+    removed = journal.with_suffix(REMOVED)
+    shutil.rmtree(removed, ignore_errors=True)
+    journal.rename(removed)
     sync_folder(journal.parent)
+    shutil.rmtree(removed, ignore_errors=True)
 
 
 def _log(journal: Path, header: JournalHeader, name: str) -> LogReader:

@@ -10,7 +10,12 @@ from exumi_data.destination import update_catalog
 from exumi_data.errors import ExumiError, UsageError
 from exumi_recorders.finalise.episode import Finalised, dataset_of, finalise, inspect
 from exumi_recorders.journal.space import drop_stale_reserve
-from exumi_recorders.journal.states import RECORDING_FOLDER, SUFFIX, list_journals
+from exumi_recorders.journal.states import (
+    RECORDING_FOLDER,
+    SUFFIX,
+    list_journals,
+    remove_leftovers,
+)
 
 __all__ = ["Recovery", "add_to_catalog", "find_journals", "for_journals", "recover"]
 
@@ -129,8 +134,9 @@ def recover(
     """
     done, failed = for_journals(paths, inspect if dry_run else finalise, on_done)
     if not dry_run:
-        for path in paths:
-            drop_stale_reserve(_dataset_at(path))
+        for dataset in dict.fromkeys(map(_dataset_at, paths)):
+            drop_stale_reserve(dataset)
+            remove_leftovers(dataset)
     notices = []
     for dataset in dict.fromkeys(
         dataset_of(one.journal) for one in done if one.outcome == "finalised"

@@ -14,7 +14,7 @@ from exumi_recorders.finalise.columns import Columns
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.losses import FLAG
 from exumi_recorders.finalise.poses import PoseSigns, to_world
-from exumi_recorders.finalise.widths import WIDTH_MAP, WidthMap, read_width_map
+from exumi_recorders.finalise.widths import NOT_CALIBRATED, WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.journal.header import StreamHeader, port_of
 from exumi_recorders.journal.reading import Block
 
@@ -135,7 +135,9 @@ def write_rows(
         rows = block.rows.view(dtype).reshape(len(block))
         values = transform.values(rows, block.time_host)
         beside = columns.of(block)
-        beside["flags"] = beside["flags"] | values.flags
+        own = beside["flags"]
+        beside["flags"] = own | values.flags
+        beside["flags"][own & FLAG["invalid"] != 0] &= ~np.uint32(FLAG["out_of_range"])
         raw = {} if values.raw is None else {"raw": values.raw}
         out.append(beside.pop("time"), values.data, **raw, **beside)
     return out
@@ -216,7 +218,7 @@ def _widths(port: Port, stream: str, context: Context) -> _Transform:
     known = found if isinstance(found, WidthMap) else None
     if known is None:
         context.note(
-            "width-not-calibrated",
+            NOT_CALIBRATED,
             f"no width is known, only `raw`: of the calibration {WIDTH_MAP!r}, {found}",
             stream,
         )
@@ -227,7 +229,9 @@ def _widths(port: Port, stream: str, context: Context) -> _Transform:
         raw = rows["raw"]
         flags = np.zeros(len(raw), np.uint32)
         if known is None:
-            flags |= FLAG["invalid"]
+            # Of what the device itself calls invalid only that is said: a map, once there is one
+            # (`exumi calibrate apply`), makes widths of the others.
+            flags |= FLAG["invalid"] | FLAG["out_of_range"]
             return _Values(np.full(len(raw), np.nan, np.float32), raw, flags)
         widths, outside = known.widths(raw, modulus)
         flags[outside] |= FLAG["out_of_range"]

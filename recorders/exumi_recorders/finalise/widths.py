@@ -8,10 +8,12 @@ import numpy.typing as npt
 
 from exumi_data.raw_to_data import KEY, RawToData, read_map, read_range
 
-__all__ = ["WIDTH_MAP", "WidthMap", "read_width_map"]
+__all__ = ["NOT_CALIBRATED", "WIDTH_MAP", "WidthMap", "read_width_map"]
 
 WIDTH_MAP = "width_map"
 """The calibration item; its value states ``raw_to_data``, and may state ``range_m``."""
+NOT_CALIBRATED = "width-not-calibrated"
+"""Code of the quality note of a stream that was recorded without it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

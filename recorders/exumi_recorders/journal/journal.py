@@ -129,6 +129,15 @@ class JournalWriter:
         """What was written, of all logs."""
         return sum(log.writer.bytes for log in self._logs.values())
 
+    def records(self, stream: str) -> int:
+        """Return how many records of a stream were written.
+
+        Parameters
+        ----------
+        stream : str
+        """
+        return self._logs[stream].writer.records
+
     @property
     def flush_error(self) -> OSError | None:
         """What the disk reported when the journal was to be made durable."""

@@ -23,6 +23,7 @@ from exumi_data.store.plain_files import read_plain
 __all__ = [
     "HEADER_NAME",
     "RECORDING_FOLDER",
+    "REMOVED",
     "STATE_NAME",
     "SUFFIX",
     "JournalState",
@@ -35,6 +36,7 @@ __all__ = [
     "locked",
     "purge",
     "read_state",
+    "remove_leftovers",
     "undo_discard",
     "write_state",
 ]
@@ -42,6 +44,8 @@ __all__ = [
 RECORDING_FOLDER = ".recording"
 SUFFIX = ".rec"
 HEADER_NAME = "header.json"
+REMOVED = ".removed"
+"""In place of `SUFFIX`, of a journal whose episode is complete: nobody reads it any more."""
 STATE_NAME = "state.json"
 _MOST_BYTES = 1 << 16
 
@@ -90,6 +94,19 @@ def list_journals(dataset: Path) -> list[Path]:
         for path in folder.iterdir()
         if path.name.endswith(SUFFIX) and path.is_dir() and not path.is_symlink()
     )
+
+
+def remove_leftovers(dataset: Path) -> None:
+    """Remove what is left of journals whose removal was interrupted.
+
+    Parameters
+    ----------
+    dataset : pathlib.Path
+    """
+    folder = dataset / RECORDING_FOLDER
+    if not folder.is_symlink():
+        for path in folder.glob(f"*{REMOVED}"):
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def read_state(journal: Path) -> JournalState:

@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from exumi_recorders.contract import Driver, Event, Files, Health, Port, Sample
@@ -15,10 +15,12 @@ from exumi_recorders.recording.status import StreamMeter
 if TYPE_CHECKING:
     from exumi_recorders.recording.lanes import Lane
 
-__all__ = ["FROZEN", "DeviceThread", "RecordedDevice", "RecordedStream"]
+__all__ = ["FROZEN", "RESTART", "DeviceThread", "RecordedDevice", "RecordedStream"]
 
 FROZEN = "frozen"
 """Event: a pose stream has repeated itself for `FROZEN_AFTER_NS`."""
+RESTART = "restart"
+"""Event of a driver: what comes after it is counted and stamped by the device anew."""
 FROZEN_AFTER_NS = 500_000_000
 
 _READ_S = 0.1
@@ -138,6 +140,7 @@ class DeviceThread:
         self._ready = threading.Event()
         self._failure: Exception | None = None
         self._health_at = 0
+        self._lost_before: Mapping[str, int] = {}
         self._restarted: set[str] = set()
         self._frozen: set[str] = set()
         self._thread = threading.Thread(target=self._run, name=f"device {device.name}", daemon=True)
@@ -172,10 +175,18 @@ class DeviceThread:
         """Ask the driver how the device is; what it said last where it cannot say."""
         if self.connected:
             try:
-                self.health = self._driver.health()
+                self.health = self._ask_health()
             except Exception as error:  # noqa: BLE001  # a driver's mistake must not end a recording
                 self.trouble = _text(error)
         return self.health
+
+    def _ask_health(self) -> Health:
+        """Return the driver's health, with what it had lost before it was opened anew."""
+        before, health = self._lost_before, self._driver.health()
+        if not before:
+            return health
+        lost = {cause: before.get(cause, 0) + health.lost.get(cause, 0) for cause in before}
+        return replace(health, lost={**health.lost, **lost})
 
     def _run(self) -> None:
         try:
@@ -196,7 +207,7 @@ class DeviceThread:
                     self._take(items, now_ns)
                 if now_ns - self._health_at > _HEALTH_NS:
                     self._health_at = now_ns
-                    self.health = self._driver.health()
+                    self.health = self._ask_health()
             except Exception as error:  # noqa: BLE001  # a lost device, or a driver's mistake: others go on
                 self._lost(error)
         self._close()
@@ -214,6 +225,8 @@ class DeviceThread:
         with_preview = self._has_room()
         for item in items:
             if isinstance(item, Event):
+                if item.name == RESTART:
+                    self._restarted = set(self.streams)
                 self._on_event(self.name, item)
                 urgent = True
                 continue
@@ -239,6 +252,7 @@ class DeviceThread:
 
     def _lost(self, error: Exception) -> None:
         """Say that the device is gone, and open it again each second until it is back."""
+        self._lost_before = self.health_now().lost
         self.connected = False
         self.trouble = _text(error)
         detail = {"error": self.trouble}

@@ -14,6 +14,7 @@ from exumi_data.model.description import CalibrationItem
 from exumi_data.model.episode import EpisodeMetadata
 from exumi_recorders.contract import DeviceError, Event, Health, Sample
 from exumi_recorders.finalise.clocks import utc_text
+from exumi_recorders.finalise.events import DEVICE_LOST
 from exumi_recorders.finalise.rehearsal import rehearse
 from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.journal.flusher import OnFlushed
@@ -125,6 +126,7 @@ class Recorder:
         self.told = on_event
         self._pressure = Pressure(self._limits)
         self._sticky: dict[tuple[str, str], Event] = {}
+        self._early: list[tuple[str, Event]] | None = None
         self._episode: _Episode | None = None
         self._reserve: Reserve | None = None
         self._truncated: str | None = None
@@ -251,6 +253,9 @@ class Recorder:
         lanes = {name: self._lane(header, streams[name]) for name in streams}
         health = {thread.name: thread.health_now() for thread in self._threads}
         self._truncated = None
+        with self._events_lock:
+            # What happens from here on comes after this, and waits for the journal.
+            early = self._early = self._held_events()
         self._pressure.lanes = tuple(lanes.values())
         for name, stream in streams.items():
             stream.lane = lanes[name]
@@ -263,7 +268,9 @@ class Recorder:
                 on_flushed=self._on_flushed,
             )
         except BaseException:
+            self._early = None
             self._detach(lanes)
+            self._pressure.lanes = ()
             raise
         writer = WriterThread(
             journal,
@@ -273,11 +280,22 @@ class Recorder:
             reserve=reserve,
         )
         with self._events_lock:
-            for (device, _name), event in self._sticky.items():
+            for device, event in early:
                 writer.put_event(device, event)
+            self._early = None
             self._episode = _Episode(metadata.id, monotonic, journal, writer, lanes, health)
         writer.start()
         return journal.path
+
+    def _held_events(self) -> list[tuple[str, Event]]:
+        """Return what an episode that begins now has to know of before."""
+        now_ns = time.monotonic_ns()
+        gone = [
+            (thread.name, Event(DEVICE_LOST, now_ns, {"error": thread.trouble or ""}))
+            for thread in self._threads
+            if not thread.connected
+        ]
+        return [*((device, event) for (device, _), event in self._sticky.items()), *gone]
 
     def _reserve_of(self, dataset: Path) -> Reserve:
         """Return what is kept back on the dataset's disk, from one episode to the next."""
@@ -358,6 +376,8 @@ class Recorder:
             episode = self._episode
             if episode is not None:
                 episode.writer.put_event(device, event)
+            elif self._early is not None:
+                self._early.append((device, event))
         told = self.told
         if told is not None and not own:
             told(device, event)
@@ -472,9 +492,8 @@ def _lost(thread: DeviceThread, now: Health, before: Health) -> dict[str, dict[s
         since = number - before.lost.get(key, 0)
         port, divided, cause = key.rpartition("/")
         stream = thread.streams.get(port if divided else first or "")
-        # A driver that was opened anew counts from 0.
-        since = number if since < 0 else since
-        if stream is not None and since:
+        # It may be less than before: what was missed then came late.
+        if stream is not None and since > 0:
             found.setdefault(stream.name, {})[cause] = since
     return found
 

@@ -105,12 +105,20 @@ class WriterThread:
         for lane in self._lanes:
             pieces = lane.take()
             if pieces:
-                self._journal.append(lane.stream, pieces)
-                lane.done(pieces)
+                self._append(lane, pieces)
         while self._events:
             device, event = self._events[0]
             self._journal.append_event(device, event)
             self._events.popleft()
+
+    def _append(self, lane: Lane, pieces: Sequence[bytes]) -> None:
+        before = self._journal.records(lane.stream)
+        try:
+            self._journal.append(lane.stream, pieces)
+        finally:
+            # Of a disk that ran full meanwhile, some are there: they are not lost.
+            written = self._journal.records(lane.stream) - before
+            lane.done(pieces[: 2 * written])
 
     def _look_after(self, now_ns: int) -> None:
         if now_ns - self._clocked_at > _CLOCK_NS:

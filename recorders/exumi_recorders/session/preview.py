@@ -1,17 +1,19 @@
 """What the cameras see, as MJPEG over HTTP: on request, and on this machine only unless told.
 
 The frames are those that the cameras sent, at most five a second; nothing is decoded. A viewer that
-is too slow misses frames, and nothing waits for it.
+is too slow misses frames, and nothing waits for it. Only who asks for this machine by its address
+or its own name is answered: a page of somebody else's, whose name leads here, sees nothing.
 """
 
 import html
 import ipaddress
+import re
 import threading
 import time
 from collections.abc import Callable, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from socket import AF_INET, AF_INET6
-from typing import Self
+from socket import AF_INET, AF_INET6, gethostname
+from typing import Any, Self
 from urllib.parse import unquote
 
 from exumi_data.errors import UsageError
@@ -25,8 +27,10 @@ DEFAULT_ADDRESS = ("127.0.0.1", 8642)
 
 _LEAST_PERIOD_S = 0.2
 _MOST_VIEWERS = 8
+_MOST_CONNECTIONS = 32
 _QUIET_S = 10.0
 _BOUNDARY = "exumi-frame"
+_PORT = re.compile(r":[0-9]*$")
 
 
 def parse_address(text: str | None) -> tuple[str, int]:
@@ -97,10 +101,9 @@ class Preview:
     @property
     def is_public(self) -> bool:
         """Whether other machines can look."""
-        try:
+        if _is_address(self._host):
             return not ipaddress.ip_address(self._host).is_loopback
-        except ValueError:
-            return self._host != "localhost"
+        return self._host != "localhost"
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -113,6 +116,19 @@ class Preview:
         self._thread.join()
 
 
+def _own_names() -> set[str]:
+    name = gethostname().lower()
+    return {name, f"{name.partition('.')[0]}.local"}
+
+
+def _is_address(text: str) -> bool:
+    try:
+        ipaddress.ip_address(text)
+    except ValueError:
+        return False
+    return True
+
+
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
@@ -121,9 +137,32 @@ class _Server(ThreadingHTTPServer):
         self.address_family = AF_INET6 if ":" in address[0] else AF_INET
         self.streams = streams
         self.latest = latest
+        self.names = {address[0].lower(), "localhost", *_own_names()}
         self.viewers = threading.Semaphore(_MOST_VIEWERS)
+        self.connections = threading.Semaphore(_MOST_CONNECTIONS)
         self.ending = threading.Event()
         super().__init__(address, _Handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread of its own; of too many at once, some are let go unheard."""
+        if not self.connections.acquire(blocking=False):
+            self.shutdown_request(request)
+            return
+        super().process_request(request, client_address)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, and make room for another."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self.connections.release()
+
+    def is_meant(self, host: str | None) -> bool:
+        """Whether the ``Host`` of a request is this machine, by an address or a name of its own."""
+        if host is None:
+            return True  # no browser: these always say
+        name = _PORT.sub("", host.strip().lower()).removeprefix("[").removesuffix("]")
+        return name in self.names or _is_address(name)
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Say nothing: a viewer that went away is no problem of the recording."""
@@ -136,7 +175,9 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:  # the base class's name
         """Answer ``/`` with a page, ``/NAME`` with its moving picture, ``/NAME.jpg`` with one."""
         name = unquote(self.path.partition("?")[0]).removeprefix("/")
-        if not name:
+        if not self.server.is_meant(self.headers.get("Host")):
+            self.send_error(403, "ask for this machine by its address")
+        elif not name:
             self._page()
         elif name.removesuffix(".jpg") not in self.server.streams:
             self.send_error(404, "there is no such stream")
@@ -149,6 +190,12 @@ class _Handler(BaseHTTPRequestHandler):
                 self.server.viewers.release()
         else:
             self.send_error(503, "too many viewers")
+
+    def end_headers(self) -> None:
+        """Say with every answer that it is for nobody else's pages."""
+        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        super().end_headers()
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002  # the base class's name
         """Say nothing: the terminal shows the recording."""

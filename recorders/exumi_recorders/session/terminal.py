@@ -1,5 +1,7 @@
 """What the operator sees: a table of all streams, the state, and what has to be mended."""
 
+import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from exumi_recorders.recording.status import DeviceStatus, StreamStatus
@@ -130,12 +132,20 @@ def status_document(status: SessionStatus, *, sync_age_s: float | None) -> dict[
         "pressure": round(recording.pressure, 3),
         "streams": [_stream_document(stream) for stream in recording.streams],
         "devices": [
-            {"name": one.name, "connected": one.connected, "readings": dict(one.readings)}
+            {"name": one.name, "connected": one.connected, "readings": _plain(one.readings)}
             for one in recording.devices
         ],
         "problems": [
             {"where": one.where, "code": one.code, "text": one.text} for one in recording.problems
         ],
+    }
+
+
+def _plain(readings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return readings as JSON has them: what a driver says wrongly must not end the stream."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in readings.items()
     }
 
 

@@ -15,8 +15,11 @@ from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import DamagedDataError
 from exumi_data.model import CalibrationItem
 from exumi_data.store import jpeg
+from exumi_recorders.calibration.apply import apply_calibration
+from exumi_recorders.calibration.files import Calibration
 from exumi_recorders.contract import Blocks, Event, Files, Port, Rows, Sample
 from exumi_recorders.finalise.episode import finalise
+from exumi_recorders.finalise.losses import FLAG
 from exumi_recorders.finalise.verify import verify
 from exumi_recorders.journal.header import KnownLatency
 from exumi_recorders.journal.log import segment_name
@@ -233,6 +236,24 @@ def test_counts_without_a_map_are_kept_as_they_are(dataset: Path) -> None:
         assert found["width"].raw.tolist() == [7, 8]
         assert np.isnan(found["width"].data).all()
         assert "width-not-calibrated" in notes(found)
+
+
+def test_a_map_that_is_made_later_makes_widths_of_counts(dataset: Path) -> None:
+    counts = [(number,) for number in range(0, 40, 4)]
+    recorded = rows("width", counts, "<H", 200.0)
+    assert recorded[3] is not None
+    recorded[3] = replace(recorded[3], flags=FLAG["invalid"])  # the magnet was not seen
+    journal = make_journal(dataset, {"width": (ENCODER, recorded)})
+    finalise(journal)
+    path = dataset / episode_path(episode().id)
+    apply_calibration(path, Calibration({"width_map": WIDTH_MAP}), "a file")
+    assert validate(path).problems == ()
+    with open_final(dataset) as found:
+        flags = found["width"].flags
+        assert flags is not None
+        assert np.flatnonzero(flags & FLAG["invalid"]).tolist() == [3]
+        assert np.isfinite(found["width"].data).all()
+        assert "width-not-calibrated" not in notes(found)
 
 
 def test_files_that_are_no_images_are_left_out(dataset: Path) -> None:

@@ -19,6 +19,7 @@ from exumi_data.catalog import episode_path, read_catalog
 from exumi_data.cli.app import app
 from exumi_data.episode import open_episode
 from exumi_data.errors import UsageError
+from exumi_recorders.finalise.episode import finalise
 from exumi_recorders.finalise.recover import find_journals, recover
 from exumi_recorders.journal.log import segment_name
 from exumi_recorders.journal.states import discard, journal_folder, read_state, undo_discard
@@ -173,6 +174,36 @@ def test_a_journal_whose_removal_was_interrupted_is_removed(dataset: Path) -> No
     shutil.move(kept, journal)
     assert [one.outcome for one in recover([dataset]).done] == ["present"]
     assert not journal.exists()
+
+
+def test_half_a_journal_is_never_taken_for_one(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The power goes while the journal is removed, and then the episode is moved away."""
+    streams = {"pose": (POSE, samples("pose", 5, 90.0)), "camera": (CAMERA, samples("camera", 5))}
+    journal = make_journal(dataset, streams)
+    real = shutil.rmtree
+
+    def interrupted(path: Path, ignore_errors: bool) -> None:
+        if path.exists():
+            real(path / "camera")
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("exumi_recorders.finalise.episode.shutil.rmtree", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            recover([journal])
+    shutil.move(dataset / episode_path(episode().id), dataset.parent / "moved.zarr")
+    assert recover([dataset]).done == ()
+    assert list((dataset / ".recording").iterdir()) == []
+    assert not (dataset / episode_path(episode().id)).exists()
+
+
+def test_a_journal_that_another_one_finalised_meanwhile(dataset: Path) -> None:
+    journal = make_journal(dataset, {"pose": (POSE, samples("pose", 5, 90.0))})
+    recover([journal])
+    again = finalise(journal)
+    assert (again.outcome, again.episode) == ("present", dataset / episode_path(episode().id))
 
 
 def test_one_bad_journal_does_not_keep_the_others(dataset: Path) -> None:

@@ -2,12 +2,14 @@
 
 import errno
 import json
+import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from exumi_data.catalog import episode_path
@@ -16,6 +18,7 @@ from exumi_data.errors import UsageError
 from exumi_data.model import CalibrationItem
 from exumi_recorders.contract import Blocks, DeviceError, Event, Health, Rows, Sample
 from exumi_recorders.finalise.episode import finalise
+from exumi_recorders.finalise.losses import FLAG
 from exumi_recorders.journal.journal import JournalWriter
 from exumi_recorders.journal.log import LogWriter
 from exumi_recorders.journal.space import NoRoomError, SpaceLimits
@@ -222,6 +225,99 @@ def test_what_the_driver_knows_is_shown_and_counted(dataset: Path) -> None:
         assert found["pose"].metadata.clock.offset_sigma_ns == 12.5
 
 
+def test_what_was_lost_before_a_device_was_opened_anew_still_counts(dataset: Path) -> None:
+    class Counting(Toy):
+        def open(self) -> None:
+            super().open()
+            self.says = Health(lost={"kernel": 40 if self.opened == 1 else 3})
+
+    toy = Counting(rates={"pose": 90.0}, lose_at_s=0.4)
+    with Recorder([device(toy)], space=ROOM) as recorder:
+        recorder.start(dataset, episode())
+        toy.says = Health(lost={"kernel": 47})
+        until(lambda: toy.opened == 2 and recorder.status().devices[0].connected)
+        until(lambda: recorder.status().streams[0].lost.get("kernel", 0) == 10)
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        # 40 before the episode began, seven in it, and three since the device is back.
+        assert found["pose"].metadata.lost == {"kernel": 10}
+
+
+def test_what_was_missed_before_an_episode_and_comes_late_is_no_loss_of_it(dataset: Path) -> None:
+    toy = Toy(rates={"pose": 90.0}, says=Health(lost={"sequence": 12}))
+    with Recorder([device(toy)], space=ROOM) as recorder:
+        recorder.start(dataset, episode())
+        toy.says = Health(lost={"sequence": 11})
+        until(lambda: recorder.status().streams[0].samples > 10)
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        assert found["pose"].metadata.lost is None
+
+
+def test_a_device_that_numbers_anew_is_no_late_one(dataset: Path) -> None:
+    class Restarting(Toy):
+        def read(self, timeout_s: float) -> list[Sample | Event]:
+            found: list[Sample | Event] = []
+            for item in super().read(timeout_s):
+                if isinstance(item, Sample):
+                    number = item.sequence or 0
+                    if number == 30:
+                        found.append(Event("restart", item.time_host_ns))
+                    found.append(replace(item, sequence=number if number < 30 else number - 30))
+            return found
+
+    wrapping = port(POSE, modulus=1 << 32)
+    toy = Restarting(rates={"pose": 90.0}, ports=(wrapping,))
+    with Recorder([device(toy)], space=ROOM) as recorder:
+        recorder.start(dataset, episode())
+        until(lambda: toy.sent["pose"] > 60)
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        sequence, flags = found["pose"].sequence, found["pose"].flags
+        assert sequence is not None
+        assert flags is not None
+        assert (np.diff(sequence.astype(np.int64)) == 1).all()
+        assert np.count_nonzero(flags & FLAG["out_of_order"]) == 0
+        assert np.count_nonzero(flags & FLAG["gap_before"]) == 1
+
+
+def test_a_device_that_is_gone_before_an_episode_is_told_in_it(dataset: Path) -> None:
+    gone = Toy(rates={"pose": 90.0}, lose_at_s=0.05, back_after=1 << 30)
+    devices = [device(gone, "gone"), device(Toy(rates={"counter": 500.0}), "good")]
+    with Recorder(devices, space=ROOM) as recorder:
+        until(lambda: "device_lost" in codes(recorder))
+        recorder.start(dataset, episode())
+        until(lambda: recorder.status().streams[1].samples > 10)
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        notes = {note.code: note.message for note in found.metadata.quality}
+        assert notes["device-lost"] == "gone was gone 1 times"
+        assert "pose" in notes["stream-empty"]
+
+
+def test_what_happens_while_an_episode_begins_is_in_it(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    toy = Toy()
+    real = JournalWriter.append_clock
+
+    def slow(self: JournalWriter) -> None:
+        if not toy.sent.get("told"):
+            toy.sent["told"] = 1
+            toy.events.append(Event("early", time.monotonic_ns()))
+            time.sleep(0.2)
+        real(self)
+
+    monkeypatch.setattr(JournalWriter, "append_clock", slow)
+    with Recorder([device(toy)], space=ROOM) as recorder:
+        recorder.start(dataset, episode())
+        recorded = recorder.stop()
+    with finished(dataset, recorded) as found:
+        settings = found.metadata.source.settings
+        assert settings is not None
+        assert [event["name"] for event in settings["events"]] == ["early"]
+
+
 def test_what_holds_until_the_next_event_reaches_later_episodes(dataset: Path) -> None:
     pose = [0.0, 1, 0, 0, 0, 0, 1]
     toy = Toy(
@@ -322,6 +418,42 @@ def test_a_full_disk_ends_the_episode_cleanly(
         assert len(found["pose"]) == recorded.samples["pose"]
 
 
+def test_what_was_written_before_the_disk_was_full_is_not_lost(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, calls = os.writev, 0
+
+    # The kernel says how much it has written, and only the next call that there is no more room.
+    def partly(descriptor: int, pieces: Any) -> int:
+        nonlocal calls
+        calls += len(pieces) > 4  # a batch of several records
+        # One whole record, and the header of another.
+        return real(descriptor, pieces if calls < 3 else pieces[:3])
+
+    def full(descriptor: int, data: Any) -> int:
+        raise OSError(errno.ENOSPC, "full")
+
+    toy = Toy(rates={"counter": 1000.0})
+    with Recorder([device(toy)], space=ROOM) as recorder:
+        with monkeypatch.context() as patch:
+            patch.setattr("exumi_recorders.journal.log.os.writev", partly)
+            patch.setattr("exumi_recorders.journal.log.os.write", full)
+            recorder.start(dataset, episode())
+            until(lambda: recorder.status().truncated is not None)
+        recorded = recorder.stop()
+    assert recorded.truncated == "disk_full"
+    with finished(dataset, recorded) as found:
+        counter = found["counter"]
+        assert len(counter) == recorded.samples["counter"]
+        assert counter.metadata.lost is not None
+        # None of them counts as written and as lost.
+        assert counter.metadata.lost["queue"] <= recorded.dropped["counter"]
+        gaps = counter.metadata.gaps
+        assert gaps is not None
+        (gap,) = gaps
+        assert gap.lost == counter.metadata.lost["queue"]
+
+
 def test_the_hard_limit_ends_an_episode_before_the_disk_is_full(dataset: Path) -> None:
     limits = SpaceLimits(soft_bytes=0, hard_bytes=1 << 60, reserve_bytes=0)
     with Recorder([device(Toy())], space=limits) as recorder:
@@ -350,6 +482,8 @@ def test_a_journal_that_cannot_be_made_leaves_the_recorder_ready(
             with pytest.raises(ZeroDivisionError):
                 recorder.start(dataset, episode())
         assert not recorder.status().recording
+        time.sleep(0.05)
+        assert recorder.status().pressure == 0
         recorder.start(dataset, episode())
         until(lambda: recorder.status().streams[0].samples > 3)
         assert finalise(recorder.stop().journal).outcome == "finalised"

@@ -6,6 +6,7 @@ import json
 import os
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from exumi_recorders.recording.status import (
 )
 from exumi_recorders.session.messages import Message, SessionStatus
 from exumi_recorders.session.operator import Operator, age_text
-from exumi_recorders.session.terminal import draw_status
+from exumi_recorders.session.terminal import draw_status, status_document
 
 STREAMS = (
     StreamStatus(
@@ -126,6 +127,14 @@ def test_nobody_is_there(as_json: bool, monkeypatch: pytest.MonkeyPatch) -> None
         monkeypatch.setattr(sys, "stdout" if as_json else "stderr", broken)
         assert say_much(Operator(as_json=as_json)) < 2.0
         monkeypatch.undo()
+
+
+def test_a_reading_that_is_no_number_does_not_end_the_stream() -> None:
+    device = DeviceStatus(name="d", connected=True, readings={"gain": float("nan"), "agc": 3})
+    status = replace(STATUS, recording=replace(RECORDING, devices=(device,)))
+    document = status_document(status, sync_age_s=None)
+    assert document["devices"][0]["readings"] == {"gain": None, "agc": 3}
+    json.dumps(document, allow_nan=False)
 
 
 def test_everything_is_said_to_who_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,7 @@
 """The preview, over real HTTP."""
 
+import select
+import socket
 import threading
 import time
 from http.client import HTTPConnection
@@ -95,6 +97,53 @@ def test_a_still_picture() -> None:
         connection = connect(preview)
         connection.request("GET", "/rgb.jpg")
         assert connection.getresponse().read() == FRAMES[3]
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("127.0.0.1:8642", 200),
+        ("localhost", 200),
+        ("LOCALHOST:8642", 200),
+        ("[::1]:8642", 200),
+        ("192.168.1.7", 200),
+        ("[fe80::1]", 200),
+        (f"{socket.gethostname()}:8642", 200),
+        ("evil.example:8642", 403),
+        ("localhost.evil.example", 403),
+        ("127.0.0.1.evil.example", 403),
+        ("", 403),
+    ],
+)
+def test_who_asks_for_another_machine_is_not_answered(host: str, status: int) -> None:
+    camera = Camera()
+    with Preview(["rgb"], camera.latest, ("127.0.0.1", 0)) as preview:
+        connection = connect(preview)
+        connection.request("GET", "/rgb.jpg", headers={"Host": host})
+        answer = connection.getresponse()
+        assert answer.status == status
+        assert answer.headers["Cross-Origin-Resource-Policy"] == "same-origin"
+    assert len(camera.asked) == (status == 200)
+
+
+def test_who_only_connects_takes_no_more_than_a_share() -> None:
+    with Preview(["rgb"], Camera().latest, ("127.0.0.1", 0)) as preview:
+        address = urlsplit(preview.url)
+        before = threading.active_count()
+        idle = [
+            socket.create_connection((address.hostname, address.port), timeout=5) for _ in range(80)
+        ]
+        while len(let_go := select.select(idle, [], [], 5)[0]) < 48:
+            assert let_go
+        assert threading.active_count() - before <= 32
+        for each in idle:
+            each.close()
+        until = time.monotonic() + 5
+        while threading.active_count() > before and time.monotonic() < until:
+            time.sleep(0.01)
+        connection = connect(preview)
+        connection.request("GET", "/")
+        assert connection.getresponse().status == 200
 
 
 def test_ending_does_not_wait_for_viewers() -> None:
