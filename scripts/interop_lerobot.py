@@ -40,7 +40,7 @@ def read(root: Path, out: Path) -> None:
     for key in ("timestamp", "frame_index", "episode_index", "index", "task_index"):
         found[key] = [item[key].item() for item in items]
     found["task"] = [item["task"] for item in items]
-    arrays = {}
+    arrays: dict[str, Any] = {}
     vectors = [
         key
         for key, feature in dataset.features.items()
@@ -103,7 +103,7 @@ def write(root: Path) -> None:
     dataset = LeRobotDataset.create(
         "local/theirs", fps=FPS, features=features, root=root, robot_type="umi"
     )
-    truth: dict[str, np.ndarray] = {}
+    truth: dict[str, Any] = {}
     for episode, length in enumerate(LENGTHS):
         states = np.zeros((length, len(NAMES)), np.float32)
         turn = np.linspace(0, 0.5, length) + episode

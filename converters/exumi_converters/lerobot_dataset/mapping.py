@@ -325,7 +325,7 @@ def stream_values(stream: NumberStream, numbers: np.ndarray) -> tuple[np.ndarray
     usable : (N,) bool
     """
     values = numbers[:, list(stream.columns)].astype(np.float64)
-    usable = np.isfinite(values).all(axis=1)
+    usable: np.ndarray = np.isfinite(values).all(axis=1)
     if stream.kind == "width":
         return values[usable, 0], usable
     if stream.kind == "taxels":
@@ -338,6 +338,6 @@ def stream_values(stream: NumberStream, numbers: np.ndarray) -> tuple[np.ndarray
     if stream.order == "wxyz":
         values = values[:, [0, 1, 2, 4, 5, 6, 3]]
     norm = np.linalg.norm(np.where(usable[:, None], values[:, 3:], 0.0), axis=1)
-    usable &= norm > _LEAST_NORM
+    usable = usable & (norm > _LEAST_NORM)
     values[usable, 3:] /= norm[usable, None]
     return values[usable], usable

@@ -136,7 +136,7 @@ def _batches(
         groups = _groups(file, episode)
         _check(path, file, needed, groups)
         for batch in file.iter_batches(size, row_groups=groups, columns=needed):
-            mask = pc.equal(batch.column("episode_index"), episode)  # type: ignore[attr-defined]  # made at run time
+            mask = pc.equal(batch.column("episode_index"), episode)
             kept = batch.filter(mask)
             if kept.num_rows:
                 yield kept.select(list(columns))
@@ -166,5 +166,5 @@ def numbers_of(table: "pa.Table", column: str, where: Path) -> np.ndarray:
     is_number = pa.types.is_integer(chunk.type) or pa.types.is_floating(chunk.type)
     if not is_number or chunk.null_count:
         raise SourceError(f"{column!r} holds {chunk.type}, or nothing in places", where=where)
-    values = chunk.to_numpy(zero_copy_only=False)
+    values: np.ndarray = chunk.to_numpy(zero_copy_only=False)
     return values if width is None else values.reshape(-1, width)

@@ -86,7 +86,7 @@ def add_pictures(writer: EpisodeWriter, image: ImageStream, source: Pictures) ->
 
 
 def _add_cut(writer: EpisodeWriter, spec: StreamSpec, source: Pictures) -> AddedStream:
-    """Cut the episode's frames out: copied where they begin with a keyframe, else as JPEG."""
+    """Cut the episode's frames out: copied where they stand by themselves, else as JPEG."""
     with tempfile.TemporaryDirectory() as folder:
         cut = Path(folder, "frames.mp4")
         with VideoDecoder(str(source.path), source.path) as decoder:
@@ -131,8 +131,9 @@ def _add_jpegs(writer: EpisodeWriter, spec: StreamSpec, source: Pictures) -> Add
         LossyStep(
             step="jpeg-encode",
             stream=spec.name,
-            detail=f"frames of {source.file.name} from {source.begin_s:.6f} s, which do not begin "
-            f"with a keyframe, were decoded and encoded as JPEG, quality {_QUALITY}",
+            detail=f"frames of {source.file.name} from {source.begin_s:.6f} s, which cannot be "
+            "decoded without those around them, were encoded as JPEG, quality "
+            f"{_QUALITY}",
         ),
     )
     return added

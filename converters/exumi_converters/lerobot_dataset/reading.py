@@ -45,7 +45,7 @@ class LeRobotConverter:
     describes = "datasets of LeRobot v3.0, such as exumi convert --to lerobot writes"
     keeps: tuple[str, ...] = (
         "videos: the file byte for byte where an episode has one of its own, else its packets "
-        "copied; as JPEG only where its first frame is no keyframe",
+        "copied; as JPEG only where frames cannot be decoded without those of other episodes",
         "pictures in the tables: JPEG byte for byte, PNG without loss",
         "poses and widths whose names say what they are (x y z qx qy qz qw, width_m), or -o does",
         "tasks; where they change within an episode, as segments",
