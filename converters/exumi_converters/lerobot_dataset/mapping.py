@@ -325,7 +325,7 @@ def stream_values(stream: NumberStream, numbers: np.ndarray) -> tuple[np.ndarray
     usable : (N,) bool
     """
     values = numbers[:, list(stream.columns)].astype(np.float64)
-    usable: np.ndarray = np.isfinite(values).all(axis=1)
+    usable = np.asarray(np.isfinite(values).all(axis=1))
     if stream.kind == "width":
         return values[usable, 0], usable
     if stream.kind == "taxels":

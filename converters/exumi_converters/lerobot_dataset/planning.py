@@ -143,7 +143,8 @@ def _rate(told: LeRobotOptions, timeline: str | None, profiles: Sequence[Profile
         return Fraction(1)  # nothing will be written
     rates = Counter(profile.rates[timeline] for profile in profiles)
     if len(rates) > 1 or None in rates:
-        said = ", ".join(f"{rate or 'none stated'} ({n} episodes)" for rate, n in rates.items())
+        named = sorted((rate or "none stated", count) for rate, count in rates.items())
+        said = ", ".join(f"{rate} ({count} episodes)" for rate, count in named)
         raise UsageError(
             f"stream {timeline!r} gives the timeline no one nominal rate: {said}",
             fix="Name the rate: -o fps=30.",

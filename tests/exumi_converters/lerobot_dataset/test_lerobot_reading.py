@@ -206,12 +206,16 @@ def test_pictures_in_the_table_are_kept_without_loss(tmp_path: Path, read: Read)
     for name, files in (("wrist", png), ("top", jpg)):
         column = pa.array([{"bytes": file, "path": None} for file in files])
         table = table.append_column(f"observation.images.{name}", column)
-        edit_info(source, lambda i, n=name: i["features"].update(_image(n)))
+        _add_feature(source, name)
     pq.write_table(table, source / ROWS)
     _, episodes = read(source)
     second = episodes["episode_000001"]
     np.testing.assert_array_equal(second["wrist"].frames[:], truth[6:])
     assert second["top"].encoded(3) == jpg[9]
+
+
+def _add_feature(source: Path, name: str) -> None:
+    edit_info(source, lambda info: info["features"].update(_image(name)))
 
 
 def _image(name: str) -> dict[str, Any]:
@@ -274,6 +278,6 @@ def test_a_png_that_claims_too_many_pixels_is_not_decoded(tmp_path: Path) -> Non
     buffer = io.BytesIO()
     pq.write_table(table.append_column("observation.images.top", column), buffer)
     (source / ROWS).write_bytes(buffer.getvalue())
-    edit_info(source, lambda info: info["features"].update(_image("top")))
+    _add_feature(source, "top")
     report = convert(source, tmp_path / "read", options=ConvertOptions(workers=1, durable=False))
     assert "claims 60000x60000 pixels" in report.failed[0].reason
