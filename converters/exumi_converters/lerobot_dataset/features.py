@@ -143,7 +143,7 @@ class Profile:
         Streams whose activity is there.
     others : dict of str to str
         Streams that cannot be written, with their kinds.
-    robot, licence : str
+    robot, licence, regime : str
     """
 
     id: str
@@ -154,6 +154,7 @@ class Profile:
     others: dict[str, str]
     robot: str | None
     licence: str
+    regime: str
 
     def fault(self, shapes: dict[str, tuple[Any, ...]]) -> str | None:
         """Return why it does not have the streams that are written."""
@@ -186,6 +187,7 @@ def profile_of(episode: Episode) -> Profile:
         others={n: s.kind for n, s in episode.streams.items() if s.kind not in KINDS},
         robot=None if robot is None else robot.name,
         licence=metadata.licence,
+        regime=metadata.regime,
     )
 
 

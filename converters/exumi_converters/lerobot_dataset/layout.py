@@ -106,6 +106,8 @@ class Declaration(BaseModel):
     poses: str = "x y z in metres, quaternion qx qy qz qw with its real part last"
     action: str
     licence: str
+    regime: Literal["demonstration", "play", "touch"] | None = None
+    """Where all episodes have the same."""
     streams: dict[str, DeclaredStream]
 
 

@@ -36,7 +36,7 @@ LOSES: Mapping[str, str] = {
     "identity": "episodes are numbered",
     "start": "times count from the first frame of each episode",
     "task": "one sentence is kept: the instruction, or the name where there is none",
-    "regime": "is not kept, nor success",
+    "regime": "success is not kept; the regime is where all episodes have the same",
     "annotations": "are not kept",
     "people": "only the device's name is kept, as robot_type",
     "licence": "is kept where all episodes have the same",
@@ -60,7 +60,7 @@ LOSES: Mapping[str, str] = {
 """Facets that do not survive, and what happens to them."""
 
 _FEWEST = 2  # an action is the next frame's state
-_BYTES_PER_PIXEL = 0.06
+_BYTES_PER_PIXEL = 0.02
 _NS_PER_MS = 1e6
 
 
@@ -240,9 +240,9 @@ class _Losses:
 
     def of_documents(self) -> Iterator[Loss]:
         """Yield what is lost of the episodes' own metadata."""
-        licences = {profile.licence for profile in self.profiles}
-        if len(licences) > 1:
-            self.documents.add("licence")
+        for facet in ("licence", "regime"):
+            if len({getattr(profile, facet) for profile in self.profiles}) > 1:
+                self.documents.add(facet)
         for facet in LOSES:
             if facet in self.documents:
                 yield Loss(facet=facet, detail=LOSES[facet])
@@ -303,7 +303,7 @@ def _documents(metadata: EpisodeMetadata) -> Iterator[str]:
         yield "start"
     if metadata.task.instruction != metadata.task.name:
         yield "task"
-    if metadata.regime != "demonstration" or metadata.success is not None:
+    if metadata.success is not None:
         yield "regime"
     if metadata.annotations is not None:
         yield "annotations"
@@ -339,6 +339,7 @@ def _shared(
     """Return what all parts are written by."""
     robots = {profile.robot for profile in profiles}
     action = told.action == "next-state" and features.state is not None
+    regimes: set[Any] = {profile.regime for profile in profiles}
     declaration = Declaration(
         fps=format_rate(fps),
         timeline=timeline,
@@ -346,6 +347,7 @@ def _shared(
         if action
         else "none",
         licence=_licence({profile.licence for profile in profiles}),
+        regime=regimes.pop() if len(regimes) == 1 else None,
         streams={
             name: _common([profile.declared[name] for profile in profiles])
             for name in features.streams

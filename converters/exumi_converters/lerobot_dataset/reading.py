@@ -196,7 +196,7 @@ class _Finder:
             task=Task(name=text[:_LONGEST_TEXT].strip(), instruction=text),
             licence=self._licence(),
             annotations=None if pad is None else Annotations(pad_type=pad),
-            regime="demonstration",
+            regime=(self._declaration and self._declaration.regime) or "demonstration",
             settings={
                 "episode": row.index,
                 "length": row.length,
