@@ -8,6 +8,7 @@ import numpy as np
 
 from exumi_converters.converter import EpisodeSource
 from exumi_converters.image_stream import find_gaps
+from exumi_converters.lerobot_dataset.layout import label
 from exumi_converters.lerobot_dataset.mapping import FeatureMap, ImageStream, NumberStream
 from exumi_converters.lerobot_dataset.mapping import stream_values as values_of
 from exumi_converters.lerobot_dataset.parquet_files import numbers_of, rows_of_episode
@@ -165,9 +166,9 @@ class LeRobotEpisode:
 
     def _describe(self, tasks: np.ndarray) -> None:
         metadata = self._writer.metadata
-        robot = str(self._settings["robot_type"] or "").strip()
+        robot = label(self._settings["robot_type"] or "")
         if robot:
-            metadata.device = Device(name=robot[:255].strip())
+            metadata.device = Device(name=robot)
         segments = self._segments(tasks)
         if segments:
             metadata.annotations = (metadata.annotations or Annotations()).model_copy(
@@ -186,7 +187,7 @@ class LeRobotEpisode:
         period = round(1e9 / float(self._rate))
         return [
             Segment(
-                name=texts.get(str(int(tasks[start])), f"task {int(tasks[start])}")[:255].strip(),
+                name=label(texts.get(str(int(tasks[start])), f"task {int(tasks[start])}")),
                 start_ns=int(self._time[start]),
                 end_ns=int(self._time[stop - 1]) + period,
             )

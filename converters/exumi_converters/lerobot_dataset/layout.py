@@ -29,6 +29,7 @@ __all__ = [
     "DeclaredStream",
     "fps_number",
     "fps_of",
+    "label",
     "place",
 ]
 
@@ -41,6 +42,7 @@ DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 CHUNK_FILES = 1000
 """Most files of a chunk."""
+_LONGEST_NAME = 255
 
 DECLARATION = "meta/exumi.json"
 """Ours: what the features were before. LeRobot passes it over."""
@@ -123,6 +125,11 @@ def fps_of(number: float) -> Fraction:
         if abs(float(rate) - number) <= 1e-9 * abs(number):
             return rate
     return Fraction(number).limit_denominator(1_000_000)
+
+
+def label(text: str) -> str:
+    """Return a text as a name: on one line, and not longer than names may be."""
+    return " ".join(text.split())[:_LONGEST_NAME].strip()
 
 
 def place(number: int) -> tuple[int, int]:

@@ -78,7 +78,6 @@ def read_columns(path: Path, columns: Sequence[str]) -> "pa.Table":
 def _groups(file: "pq.ParquetFile", episode: int) -> list[int]:
     """Return the row groups that may hold rows of an episode, by what their summaries say."""
     found = []
-    names = file.schema_arrow.names
     for group in range(file.metadata.num_row_groups):
         summary = file.metadata.row_group(group)
         numbers = [
@@ -86,8 +85,11 @@ def _groups(file: "pq.ParquetFile", episode: int) -> list[int]:
             for i in range(summary.num_columns)
             if summary.column(i).path_in_schema == "episode_index"
         ]
-        known = numbers[0] if numbers and "episode_index" in names else None
-        if known is None or not known.has_min_max or known.min <= episode <= known.max:
+        known = numbers[0] if numbers else None
+        ends = (known.min, known.max) if known is not None and known.has_min_max else ()
+        if not (ends and all(isinstance(end, int) for end in ends)) or (
+            ends[0] <= episode <= ends[1]
+        ):
             found.append(group)
     return found
 

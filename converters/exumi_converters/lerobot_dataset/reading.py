@@ -19,7 +19,7 @@ from exumi_converters.lerobot_dataset.documents import (
     read_tasks,
 )
 from exumi_converters.lerobot_dataset.episode import LeRobotEpisode
-from exumi_converters.lerobot_dataset.layout import INFO, Declaration
+from exumi_converters.lerobot_dataset.layout import INFO, Declaration, label
 from exumi_converters.lerobot_dataset.mapping import FeatureMap, map_features
 from exumi_converters.lerobot_dataset.options import LeRobotReadOptions
 from exumi_converters.report import Failure
@@ -31,7 +31,6 @@ from exumi_data.time import format_rate
 
 __all__ = ["LeRobotConverter"]
 
-_LONGEST_TEXT = 255
 _META = "meta/"
 _BESIDE = ("README.md", "exumi_export.json")
 
@@ -193,7 +192,7 @@ class _Finder:
         return EpisodeSource(
             key=key,
             files=tuple(SourceFile(self._root / name, name) for name in names),
-            task=Task(name=text[:_LONGEST_TEXT].strip(), instruction=text),
+            task=Task(name=label(text), instruction=text),
             licence=self._licence(),
             annotations=None if pad is None else Annotations(pad_type=pad),
             regime=(self._declaration and self._declaration.regime) or "demonstration",

@@ -92,6 +92,45 @@ def test_one_bad_episode_is_named_and_the_others_are_read(
     assert report.converted == 2
 
 
+def of_all(change: Callable[[dict[str, Any]], object]) -> Change:
+    return lambda source: edit_rows(source, lambda found: [change(row) for row in found])
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (of_all(lambda row: row.update(episode_index=str(row["episode_index"]))), "as Parquet"),
+        (of_all(lambda row: row.update(frame_index=None)), "'frame_index' holds"),
+        (of_all(lambda row: row.update(timestamp="now")), "'timestamp' holds"),
+        (of_all(lambda row: row["observation.state"].pop()), "has 7 numbers, fewer than"),
+        (rows(0, lambda row: row["observation.state"].pop(row["frame_index"] % 8)), None),
+        (of_all(lambda row: row.pop("index")), "has no column 'index'"),
+        (rows(0, lambda row: row["observation.state"].extend([0] * row["frame_index"])), "differ"),
+    ],
+)
+def test_rows_of_other_types_end_in_a_message(
+    source: Path, change: Change, reason: str | None
+) -> None:
+    change(source)
+    report = run(source)
+    assert report.failed
+    assert not [failure for failure in report.failed if "defect" in failure.reason]
+    assert reason is None or reason in report.failed[0].reason
+
+
+def test_texts_of_any_length_and_lines_become_tasks(source: Path) -> None:
+    text = "lift\nthe " + "very " * 100 + "cup"
+    edit_rows(source, of_episode(0, lambda row: row.update(tasks=[text])), EPISODES)
+    edit_info(source, lambda info: info.update(robot_type="an\narm"))
+    assert not run(source).failed
+    episodes = {e.metadata.source.key: e for e in open_dataset(source.parent / "read")}
+    metadata = episodes["episode_000000"].metadata
+    assert metadata.task.instruction == text
+    assert metadata.task.name.startswith("lift the very")
+    assert metadata.device is not None
+    assert metadata.device.name == "an arm"
+
+
 def test_pictures_that_two_episodes_claim_are_given_to_neither(source: Path) -> None:
     # A merge that forgot to move the second's place in the video.
     table(1, lambda row: row.update({f"videos/{FRONT}/from_timestamp": 0.0}))(source)

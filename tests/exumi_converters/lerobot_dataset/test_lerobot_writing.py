@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exumi_converters import ConvertOptions, ExportOptions, convert, export, plan_export
+from exumi_converters.lerobot_dataset import assembling, layout
 from exumi_converters.lerobot_dataset.planning import LOSES
 from exumi_converters.registry import find_converter, find_exporter
 from exumi_converters.testing import (
@@ -371,3 +372,22 @@ def test_own_videos_come_back_byte_for_byte(tmp_path: Path) -> None:
     assert episode["cam"].container(0) == file.read_bytes()
     assert episode["pose"].metadata.frames.parent == "world"  # type: ignore[attr-defined]
     assert episode.metadata.licence == "CC-BY-4.0"
+
+
+def test_a_file_of_rows_that_is_full_is_followed_by_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(assembling, "_FILE_MB", 0)
+    monkeypatch.setattr(layout, "CHUNK_FILES", 2)
+    source = known(tmp_path / "known", *[{"seconds": 0.4}] * 3)
+    _, target = write(source)
+    names = sorted(p.relative_to(target).as_posix() for p in (target / "data").rglob("*.parquet"))
+    assert names == [
+        "data/chunk-000/file-000.parquet",
+        "data/chunk-000/file-001.parquet",
+        "data/chunk-001/file-000.parquet",
+    ]
+    videos = target / "videos/observation.images.cam"
+    assert (videos / "chunk-001/file-000.mp4").is_file()
+    report = convert(target, tmp_path / "back", options=ConvertOptions(workers=1, durable=False))
+    assert (report.converted, report.failed) == (3, ())
