@@ -11,6 +11,8 @@ from typing import TypeVar
 from exumi_converters.clips import ClipsConverter
 from exumi_converters.converter import Converter
 from exumi_converters.exporter import Exporter
+from exumi_converters.lerobot_dataset.reading import LeRobotConverter
+from exumi_converters.lerobot_dataset.writing import LeRobotExporter
 from exumi_converters.mcap_files.reading import McapConverter
 from exumi_converters.mcap_files.writing import McapExporter
 from exumi_converters.octopi import OctopiConverter
@@ -34,10 +36,12 @@ EXPORT_ENTRY_POINTS = "exumi.exporters"
 
 _CONVERTERS: tuple[Converter, ...] = (
     ClipsConverter(),
+    LeRobotConverter(),
     McapConverter(),
     OctopiConverter(),
 )
 _EXPORTERS: tuple[Exporter, ...] = (
+    LeRobotExporter(),
     McapExporter(),
     OctopiExporter(),
 )
