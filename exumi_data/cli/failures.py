@@ -20,6 +20,7 @@ from typer.core import TyperGroup
 
 from exumi_data.cli.output import error_console, printable
 from exumi_data.errors import ExumiError
+from exumi_data.stopping import Stopped
 
 __all__ = [
     "COULD_NOT_RUN",
@@ -142,7 +143,7 @@ def _leave_pipe() -> None:
 
 
 def _stop(number: int, _: object) -> None:
-    raise SystemExit(128 + number)
+    raise Stopped(128 + number)
 
 
 def open_closed_streams() -> None:
