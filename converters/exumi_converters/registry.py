@@ -12,6 +12,7 @@ from exumi_converters.clips import ClipsConverter
 from exumi_converters.converter import Converter
 from exumi_converters.exporter import Exporter
 from exumi_converters.octopi import OctopiConverter
+from exumi_converters.umi.reading import UmiConverter
 from exumi_data.errors import UsageError
 from exumi_data.plugins import Plugin, load_plugins, refuse_twice
 
@@ -30,7 +31,7 @@ ENTRY_POINTS = "exumi.converters"
 EXPORT_ENTRY_POINTS = "exumi.exporters"
 
 _OWN: Mapping[str, Converter] = {
-    converter.name: converter for converter in (ClipsConverter(), OctopiConverter())
+    converter.name: converter for converter in (ClipsConverter(), OctopiConverter(), UmiConverter())
 }
 _OWN_EXPORTERS: Mapping[str, Exporter] = {}
 FORMATS: tuple[str, ...] = tuple(_OWN)
