@@ -13,6 +13,7 @@ from exumi_converters.converter import Converter
 from exumi_converters.exporter import Exporter
 from exumi_converters.octopi import OctopiConverter
 from exumi_converters.umi.reading import UmiConverter
+from exumi_converters.umi.writing import UmiExporter
 from exumi_data.errors import UsageError
 from exumi_data.plugins import Plugin, load_plugins, refuse_twice
 
@@ -33,7 +34,7 @@ EXPORT_ENTRY_POINTS = "exumi.exporters"
 _OWN: Mapping[str, Converter] = {
     converter.name: converter for converter in (ClipsConverter(), OctopiConverter(), UmiConverter())
 }
-_OWN_EXPORTERS: Mapping[str, Exporter] = {}
+_OWN_EXPORTERS: Mapping[str, Exporter] = {exporter.name: exporter for exporter in (UmiExporter(),)}
 FORMATS: tuple[str, ...] = tuple(_OWN)
 """Names of the formats that this package reads."""
 EXPORTERS: tuple[str, ...] = tuple(_OWN_EXPORTERS)
