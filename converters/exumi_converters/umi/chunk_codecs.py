@@ -11,7 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from exumi_data.errors import LimitError, MissingExtraError, SourceError, UnsupportedError
+from exumi_data.errors import (
+    ExumiError,
+    LimitError,
+    MissingExtraError,
+    SourceError,
+    UnsupportedError,
+)
 
 __all__ = ["check_codec", "decode_chunk"]
 
@@ -56,7 +62,10 @@ def check_codec(config: Mapping[str, Any] | None, where: object) -> None:
             where=where,
             fix=f"Read are {', '.join(_SIZED + _UNSIZED)} and those of imagecodecs.",
         )
-    _codec(json.dumps(dict(config)), str(where))
+    try:
+        _codec(_key(config))
+    except ExumiError as error:
+        raise type(error)(error.what, where=where, fix=error.fix) from None
 
 
 def check_filters(filters: list[Mapping[str, Any]] | None, where: object) -> None:
@@ -78,8 +87,12 @@ def check_filters(filters: list[Mapping[str, Any]] | None, where: object) -> Non
             )
 
 
-@lru_cache(maxsize=64)
-def _codec(config: str, where: str) -> Any:
+def _key(config: Mapping[str, Any]) -> str:
+    return json.dumps(dict(config))
+
+
+@lru_cache(maxsize=64)  # for each chunk: what its parameters are takes half as long as decoding it
+def _codec(config: str) -> Any:
     """Return a codec; its parameters are those that it knows, and one thread."""
     from numcodecs.registry import codec_registry, get_codec
 
@@ -91,7 +104,6 @@ def _codec(config: str, where: str) -> Any:
         except ImportError:
             raise MissingExtraError(
                 f"the codec {name!r} is one of imagecodecs, which is not installed",
-                where=where,
                 fix="Install it: pip install 'exumi-data[umi]'.",
             ) from None
         register_codecs(verbose=False)
@@ -106,7 +118,6 @@ def _codec(config: str, where: str) -> Any:
     except (KeyError, ValueError, TypeError) as error:
         raise UnsupportedError(
             f"the codec {name!r} cannot be had ({error})",
-            where=where,
             fix="Install a version of numcodecs or imagecodecs that has it.",
         ) from None
 
@@ -139,7 +150,7 @@ def decode_chunk(
     try:
         decoded = _decompress(data, out, compressor, where)
         for item in reversed(filters or []):
-            decoded = _codec(json.dumps(dict(item)), str(where)).decode(decoded)
+            decoded = _codec(_key(item)).decode(decoded)
         if decoded is not out:
             _fill(out, decoded)
     except (SourceError, UnsupportedError, MissingExtraError, LimitError):
@@ -165,7 +176,7 @@ def _decompress(
     name = str(config["id"])
     if name in _UNSIZED:
         return _bounded(name, data, out.nbytes, config, where)
-    codec = _codec(json.dumps(dict(config)), str(where))
+    codec = _codec(_key(config))
     if name.startswith(_IMAGE_CODECS):
         return _decode_image(codec, data, out)
     if name == "zstd" and not _states_its_size(data):

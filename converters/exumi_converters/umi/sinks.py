@@ -5,7 +5,7 @@ import tempfile
 import zlib
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import IO
+from typing import IO, Self
 
 __all__ = ["FolderSink", "Sink", "ZipSink", "open_sink"]
 
@@ -34,7 +34,7 @@ class Sink(ABC):
     def close(self) -> None:
         """Finish."""
 
-    def __enter__(self) -> "Sink":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
