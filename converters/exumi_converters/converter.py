@@ -4,7 +4,7 @@ A converter knows one format and nothing of ids, resuming, processes or catalogs
 does that for all of them (``run.py``).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -21,6 +21,7 @@ __all__ = [
     "EpisodeSource",
     "NamedSplit",
     "SourceFile",
+    "SourceMembers",
 ]
 
 
@@ -69,6 +70,20 @@ class ConvertOptions:
     settings: Mapping[str, str] = field(default_factory=dict)
 
 
+class SourceMembers(Protocol):
+    """What one episode is made from, of a file or folder that holds many.
+
+    It travels to a worker with its episode.
+    """
+
+    def __iter__(self) -> Iterator[tuple[str, bytes]]:
+        """Yield name and content of each member, in a stable order.
+
+        The names and contents do not depend on how the members are packed.
+        """
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class SourceFile:
     """A file, or a folder of files, that an episode is made from.
@@ -82,11 +97,14 @@ class SourceFile:
     identifies : bool
         Whether its content makes the episode's id. A table beside a video does not: when it
         changes, the same episode gets a new revision.
+    members : SourceMembers, optional
+        The part of it that the episode is made from: nothing else of it is read or makes the id.
     """
 
     path: Path
     name: str
     identifies: bool = True
+    members: SourceMembers | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -68,10 +68,15 @@ class TactileAnalysis:
     ----------
     kept_bytes : int
         How much memory grey frames may fill.
+    active_above : float
+        Activity above which a frame counts as active.
     """
 
-    def __init__(self, *, kept_bytes: int = _KEPT_BYTES) -> None:
+    def __init__(
+        self, *, kept_bytes: int = _KEPT_BYTES, active_above: float = ACTIVE_THRESHOLD
+    ) -> None:
         self.count = 0
+        self._active_above = active_above
         self._left = kept_bytes
         self._kept: list[np.ndarray] | None = []
         self._thumbnails: list[np.ndarray] = []
@@ -135,7 +140,7 @@ class TactileAnalysis:
         kept = self._kept
         if kept is not None:
             greys = lambda: kept  # noqa: E731  # the other branch is a method
-        add_activity(writer, stream.name, reference, greys())
+        add_activity(writer, stream.name, reference, greys(), active_above=self._active_above)
         add_salience(writer, stream.name, self._energies)
 
 
@@ -158,7 +163,12 @@ def estimated_note(stream: str, choice: ReferenceChoice) -> QualityNote:
 
 
 def add_activity(
-    writer: EpisodeWriter, stream: str, reference: np.ndarray, greys: Iterable[np.ndarray]
+    writer: EpisodeWriter,
+    stream: str,
+    reference: np.ndarray,
+    greys: Iterable[np.ndarray],
+    *,
+    active_above: float = ACTIVE_THRESHOLD,
 ) -> None:
     """Measure the activity of a stream's frames and store it.
 
@@ -168,6 +178,8 @@ def add_activity(
     stream : str
     reference : (H, W, C) uint8
     greys : iterable of (H, W) uint8
+    active_above : float
+        Stored beside it: which frames count as active.
     """
     meter = ActivityMeter(reference)
     values = np.array([meter.measure(grey) for grey in greys], dtype=np.float32)
@@ -179,7 +191,7 @@ def add_activity(
         parameters={
             "threshold": meter.threshold,
             "size": meter.size,
-            "active_above": ACTIVE_THRESHOLD,
+            "active_above": active_above,
         },
         inputs=[f"streams/{stream}/data", f"streams/{stream}/reference"],
     )

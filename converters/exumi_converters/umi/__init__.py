@@ -1,0 +1,1 @@
+"""Format ``umi``: the replay buffers that UMI and exUMI train on."""
