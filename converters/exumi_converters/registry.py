@@ -14,6 +14,7 @@ from exumi_converters.exporter import Exporter
 from exumi_converters.mcap_files.reading import McapConverter
 from exumi_converters.mcap_files.writing import McapExporter
 from exumi_converters.octopi import OctopiConverter
+from exumi_converters.oxt.writing import OxtExporter
 from exumi_converters.umi.reading import UmiConverter
 from exumi_data.errors import UsageError
 from exumi_data.plugins import Plugin, load_plugins, refuse_twice
@@ -36,7 +37,9 @@ _OWN: Mapping[str, Converter] = {
     converter.name: converter
     for converter in (ClipsConverter(), McapConverter(), OctopiConverter(), UmiConverter())
 }
-_OWN_EXPORTERS: Mapping[str, Exporter] = {exporter.name: exporter for exporter in (McapExporter(),)}
+_OWN_EXPORTERS: Mapping[str, Exporter] = {
+    exporter.name: exporter for exporter in (McapExporter(), OxtExporter())
+}
 FORMATS: tuple[str, ...] = tuple(_OWN)
 """Names of the formats that this package reads."""
 EXPORTERS: tuple[str, ...] = tuple(_OWN_EXPORTERS)
