@@ -14,6 +14,7 @@ from exumi_converters.exporter import Exporter
 from exumi_converters.mcap_files.reading import McapConverter
 from exumi_converters.mcap_files.writing import McapExporter
 from exumi_converters.octopi import OctopiConverter
+from exumi_converters.oxt.reading import OxtConverter
 from exumi_converters.oxt.writing import OxtExporter
 from exumi_converters.umi.reading import UmiConverter
 from exumi_data.errors import UsageError
@@ -35,7 +36,13 @@ EXPORT_ENTRY_POINTS = "exumi.exporters"
 
 _OWN: Mapping[str, Converter] = {
     converter.name: converter
-    for converter in (ClipsConverter(), McapConverter(), OctopiConverter(), UmiConverter())
+    for converter in (
+        ClipsConverter(),
+        McapConverter(),
+        OctopiConverter(),
+        OxtConverter(),
+        UmiConverter(),
+    )
 }
 _OWN_EXPORTERS: Mapping[str, Exporter] = {
     exporter.name: exporter for exporter in (McapExporter(), OxtExporter())

@@ -247,10 +247,10 @@ def _tactile_places(
     """Put pads of one size and one sensor model into one group, thumb first."""
     groups: dict[tuple[str | None, tuple[int, ...], str], list[tuple[int, str]]] = {}
     for name, (key, area) in pads.items():
-        shape = episode[name].frames.shape[1:3]
-        groups.setdefault((key, shape, _sensor(episode[name])), []).append((area, name))
+        size: tuple[int, ...] = episode[name].frames.shape[1:3]
+        groups.setdefault((key, size, _sensor(episode[name])), []).append((area, name))
     automatic = sum(key is None for key, _, _ in groups)
-    for (key, shape, sensor), members in groups.items():
+    for (key, size, sensor), members in groups.items():
         members.sort()
         group = "gripper"
         if automatic > 1:
@@ -259,7 +259,7 @@ def _tactile_places(
             key=key or f"{told.side}_tactile_data_{group}",
             kind="tactile",
             streams=tuple(name for _, name in members),
-            row=(len(members), *shape, 3),
+            row=(len(members), *size, 3),
             dtype="|u1",
             areas=tuple(area for area, _ in members),
             sensor=sensor,
@@ -278,8 +278,8 @@ def _numbers_place(
     metadata: Any = stream.metadata
     common: dict[str, Any] = {"key": key, "streams": (stream.name,)}
     if stream.kind == "rgb":
-        shape = (*stream.frames.shape[1:3], 3)
-        return Place(kind="camera", row=shape, dtype="|u1", **common)
+        row = (*stream.frames.shape[1:3], 3)
+        return Place(kind="camera", row=row, dtype="|u1", **common)
     if stream.kind == "pose":
         turned = told.axes == "umi" and key.endswith("_wrist_pose")
         about = {

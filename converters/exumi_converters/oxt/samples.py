@@ -111,7 +111,7 @@ def _values(stream: StreamView, place: Place, steps: Steps) -> Iterator[np.ndarr
 def _rows(stream: StreamView, index: np.ndarray) -> np.ndarray:
     """Read the samples of a stream that are asked for, and no more than lie between them."""
     first = int(index.min())
-    return stream.rows("data", first, int(index.max()) + 1)[index - first]
+    return np.asarray(stream.rows("data", first, int(index.max()) + 1)[index - first])
 
 
 def _six_numbers(poses: np.ndarray, turned_deg: int) -> np.ndarray:
