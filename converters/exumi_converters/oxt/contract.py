@@ -15,6 +15,7 @@ __all__ = [
     "THUMB",
     "TIMESTAMPS",
     "TORQUE_AREAS",
+    "UNKNOWN_SENSOR",
     "WRIST_TORQUE",
     "TactileKey",
     "key_of",
@@ -43,6 +44,7 @@ NUMBERED_TYPES = ("state", "binary", "matrix")
 
 SENSORS: Mapping[str, str] = {"gelsight-mini": "GelSightMini"}
 """Our name of a sensor model to theirs, where both are published; other names stay."""
+UNKNOWN_SENSOR = "unknown"
 
 MARK = "exumi"
 """Key of the root's attributes under which our own stores say what their arrays are."""

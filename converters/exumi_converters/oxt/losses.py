@@ -11,7 +11,8 @@ __all__ = ["LOSES", "find_losses"]
 LOSES: Mapping[str, str] = {
     "identity": "the id is kept as parent_id when the store is converted back",
     "start": "timestamps count from the episode's start, whose date is not kept",
-    "task": "an episode without an instruction gets its task's name for one",
+    "task": "the contract asks for an instruction: where there is none, the task's name is "
+    "written, and one that repeats it is taken for none; blanks become one",
     "regime": "there is no place for regime and success",
     "annotations": "there is no place for objects, labels and segments",
     "people": "there is no place for operator, site, device and embodiment",
@@ -67,7 +68,8 @@ def find_losses(episode: Episode, places: Places) -> Iterator[Loss]:
     for facet, fields in _DOCUMENT.items():
         if any(getattr(metadata, name) for name in fields):
             yield Loss(facet=facet, detail=LOSES[facet])
-    if not metadata.task.instruction:
+    words = metadata.task.instruction
+    if words is not None and (words != " ".join(words.split()) or words == metadata.task.name):
         yield Loss(facet="task", detail=LOSES["task"])
     if episode.derived is not None:
         yield Loss(facet="derived", detail=LOSES["derived"])

@@ -10,6 +10,7 @@ from exumi_converters.oxt.contract import (
     INDEX,
     SENSORS,
     THUMB,
+    UNKNOWN_SENSOR,
     WRIST_TORQUE,
     tactile_key,
 )
@@ -268,7 +269,7 @@ def _tactile_places(
 
 def _sensor(stream: StreamView) -> str:
     sensor = stream.metadata.sensor
-    return "unknown" if sensor is None else SENSORS.get(sensor.model, sensor.model)
+    return UNKNOWN_SENSOR if sensor is None else SENSORS.get(sensor.model, sensor.model)
 
 
 def _numbers_place(

@@ -113,7 +113,7 @@ class OxtConverter:
         rows = {f.members.name: f.members for f in item.files if isinstance(f.members, Rows)}
         told, layout = item.settings, Layout(**item.settings["layout"])
         unit = Unit(**told["timestamps"])
-        timeline = read_timeline(rows[TIMESTAMPS].read().reshape(-1), unit)
+        timeline = read_timeline(rows[TIMESTAMPS].read(fill=True).reshape(-1), unit)
         if timeline.start_ns is not None:
             writer.metadata.start = format_utc(timeline.start_ns)
         if timeline.nudged.any():
@@ -255,7 +255,7 @@ class _Store:
         count = self._buffer.arrays[TIMESTAMPS].shape[0]
         usable = [(a, b) for a, b in self._bounds() if 0 <= a < b <= count]
         start, stop = max(usable, key=lambda bounds: bounds[1] - bounds[0], default=(0, 0))
-        stamps = self._buffer.rows(TIMESTAMPS, start, stop).read().reshape(-1)
+        stamps = self._buffer.rows(TIMESTAMPS, start, stop).read(fill=True).reshape(-1)
         try:
             return find_unit(stamps, told.timestamps, self._options.rate, stated)
         except SourceError as error:

@@ -12,6 +12,7 @@ from exumi_converters.oxt.contract import (
     SENSORS,
     THUMB,
     TORQUE_AREAS,
+    UNKNOWN_SENSOR,
     TactileKey,
     tactile_key,
 )
@@ -190,4 +191,4 @@ def _are_components(words: object, shape: tuple[int, ...]) -> bool:
 
 def _sensor(text: str, side: Literal["left", "right"] | None) -> Sensor:
     plain = re.sub(r"[^a-z0-9.-]+", "-", text.lower()).strip("-")[:100]
-    return Sensor(model=_MODELS.get(text.lower(), plain or "unknown"), side=side)
+    return Sensor(model=_MODELS.get(text.lower(), plain or UNKNOWN_SENSOR), side=side)
