@@ -97,8 +97,8 @@ def write_motion(
         if camera is None:
             camera = times(30.0, seconds)
         _add_frames(writer, "rgb", "rgb", camera, 3, None)
-        sides: dict[str, Any] = {"tactile_left": "left", "tactile_right": "right"}
-    sides = sides if pads is None else pads
+        fingers: dict[str, Any] = {"tactile_left": "left", "tactile_right": "right"}
+        sides = fingers if pads is None else pads
         for name, side in sides.items():
             sensor = Sensor(model="gelsight-mini", side=side)
             _add_frames(writer, name, "tactile", times(25.0, seconds, 0.003), channels, sensor)
