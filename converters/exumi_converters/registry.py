@@ -17,6 +17,7 @@ from exumi_converters.octopi import OctopiConverter
 from exumi_converters.oxt.reading import OxtConverter
 from exumi_converters.oxt.writing import OxtExporter
 from exumi_converters.umi.reading import UmiConverter
+from exumi_converters.umi.writing import UmiExporter
 from exumi_data.errors import UsageError
 from exumi_data.plugins import Plugin, load_plugins, refuse_twice
 
@@ -45,7 +46,7 @@ _OWN: Mapping[str, Converter] = {
     )
 }
 _OWN_EXPORTERS: Mapping[str, Exporter] = {
-    exporter.name: exporter for exporter in (McapExporter(), OxtExporter())
+    exporter.name: exporter for exporter in (McapExporter(), OxtExporter(), UmiExporter())
 }
 FORMATS: tuple[str, ...] = tuple(_OWN)
 """Names of the formats that this package reads."""

@@ -48,7 +48,7 @@ def install(folder: Path, registered: str, named: str) -> None:
 
 
 def test_our_formats_say_what_they_keep_and_lose() -> None:
-    assert {"clips", "octopi"} <= set(FORMATS)
+    assert {"clips", "octopi", "oxt", "umi"} <= set(FORMATS)
     known = converters()
     for name in FORMATS:
         converter = known[name]

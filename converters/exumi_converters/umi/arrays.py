@@ -300,16 +300,16 @@ class Rows:
     def _stored(self, row: int, piece: Sequence[int]) -> bytes | None:
         try:
             return self.chunks.read(row, piece)
-        except SourceError:
-            return None  # converting says what is the matter with it
+        except ExumiError:
+            return None  # decoding says what is the matter with it
 
     def slice(self, first: int, stop: int) -> "Rows":
         """Return some of these rows, counted from the first of them."""
         return replace(self, start=self.start + first, stop=self.start + stop)
 
     def stored(self, index: int) -> bytes | None:
-        """Return the chunk of a row that is one chunk, as stored; None if there is none."""
-        return self.chunks.read(self.start + index, (0,) * (len(self.meta.shape) - 1))
+        """Return the chunk of a row that is one chunk, as stored; None if it cannot be read."""
+        return self._stored(self.start + index, (0,) * (len(self.meta.shape) - 1))
 
     @property
     def is_chunk_a_row(self) -> bool:

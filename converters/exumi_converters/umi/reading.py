@@ -141,7 +141,7 @@ class UmiConverter:
             lossless=told["images"] == "lossless",
             quality=told["quality"],
             content=told["tactile"],
-            exported=told["made_by"] is not None,
+            exported=told["tactile_made"],
         )
         count = 0
         for name, array in layout.cameras.items():
@@ -167,6 +167,7 @@ def _episodes(
         "parent": told.parent,
         "child": told.child,
         "made_by": mark.get("exporter") if isinstance(mark.get("exporter"), str) else None,
+        "tactile_made": _tactile_made(mark),
         "streams": layout.json(),
         "codecs": {
             name: dict(buffer.arrays[name].compressor or {})
@@ -216,6 +217,12 @@ def _rate(options: ConvertOptions, mark: dict[str, Any]) -> dict[str, Any]:
         return {"rate": format_rate(parse_rate(mark["rate"])), "rate_is_assumed": False}
     except (KeyError, TypeError, ValueError):
         return {"rate": format_rate(DEFAULT_RATE), "rate_is_assumed": True}
+
+
+def _tactile_made(mark: dict[str, Any]) -> bool:
+    """Whether our own export made the tactile channels: clamped, with a reference it knew."""
+    shared = mark.get("shared")
+    return isinstance(shared, dict) and shared.get("tactile_made") is True
 
 
 def _task(options: ConvertOptions) -> str:
