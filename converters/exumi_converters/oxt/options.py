@@ -120,3 +120,6 @@ class OxtReadOptions(FormatOptions):
         description="Camera images: pixels, or JPEG. Tactile images are always pixels.",
     )
     quality: int = Field(95, ge=1, le=100, description="Quality of JPEG.")
+    regime: Literal["demonstration", "play"] = Field(
+        "demonstration", description="What the episodes are."
+    )

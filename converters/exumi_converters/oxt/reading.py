@@ -208,6 +208,7 @@ class _Store:
         self._buffer = open_buffer(path)
         self._name = name
         self._options = options
+        self._told = told
         self._mark = read_mark(self._buffer.attributes)
         self._check_required()
         self.layout = find_layout(self._buffer, self._mark, told)
@@ -304,7 +305,7 @@ class _Store:
             ),
             task=Task(name=self._task()),
             licence=options.licence,
-            regime="demonstration",
+            regime=self._told.regime,
             settings={"rows": [start, stop], **self._settings},
             quality=_known(self._settings["timestamps"]),
             estimated_bytes=round((stop - start) * size),
