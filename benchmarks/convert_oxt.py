@@ -1,9 +1,9 @@
 """Episodes to Open-X-Tactile stores and back: speed against a loop that only codes, and memory.
 
-The episodes are simulated (`exumi demo --direct`): a camera and two tactile sensors in JPEG. The loop
-does what a conversion cannot do without: decode each frame, and compress it as it is stored; back, the
-other way round. All run in one process. Times are by the clock and by the processor time of the
-process. Memory is the peak of a process that does nothing else, for two lengths.
+The episodes are simulated (`exumi demo --direct`): a camera and two tactile sensors in JPEG. The
+loop does what a conversion cannot do without: decode each frame, and compress it as it is stored;
+back, the other way round. All run in one process. Times are by the clock and by the processor time
+of the process. Memory is the peak of a process that does nothing else, for two lengths.
 
 ::
 
@@ -50,11 +50,13 @@ def _import(source: Path, target: Path) -> int:
 
 
 def _loop_out(source: Path, _: Path) -> int:
-    import exumi_data
     from numcodecs import Zstd
 
+    import exumi_data
+
     codec, count = Zstd(level=3), 0
-    for episode in exumi_data.open(source):
+    dataset: Any = exumi_data.open(source)
+    for episode in dataset:
         for name in ("rgb", "tactile_left", "tactile_right"):
             for frame in episode[name].frames:
                 codec.encode(np.ascontiguousarray(frame))
@@ -131,8 +133,10 @@ def main() -> None:
         }
         results[f"{seconds}_s"] = found
         for what, values in found.items():
-            print(f"{seconds:4d} s  {what:10s} {values['frames_per_cpu_s']:8.1f} frames/cpu s  "
-                  f"{values['frames_per_s']:8.1f} frames/s  peak {values['peak_mb']} MB")  # fmt: skip
+            rates = (
+                f"{values['frames_per_cpu_s']:8.1f} /cpu s  {values['frames_per_s']:8.1f} frames/s"
+            )
+            print(f"{seconds:4d} s  {what:10s} {rates}  peak {values['peak_mb']} MB")
     report("convert_oxt", results, arguments.json)
 
 

@@ -81,10 +81,9 @@ def write_numbers(episode: Episode, place: Place, steps: Steps, path: Path) -> N
             out[done : done + len(values)] = values.reshape(len(values), *place.row)
             done += len(values)
     except ValueError as error:
+        fix = "exumi validate says where."
         raise DamagedDataError(
-            f"stream {stream.name!r}: {error}, and it is not flagged invalid",
-            where=episode.path,
-            fix="exumi validate says where.",
+            f"stream {stream.name!r}: {error}", where=episode.path, fix=fix
         ) from None
     finally:
         out.flush()
@@ -109,9 +108,20 @@ def _values(stream: StreamView, place: Place, steps: Steps) -> Iterator[np.ndarr
 
 
 def _rows(stream: StreamView, index: np.ndarray) -> np.ndarray:
-    """Read the samples of a stream that are asked for, and no more than lie between them."""
+    """Read the samples of a stream that are asked for, and no more than lie between them.
+
+    Raises
+    ------
+    ValueError
+        One is not finite.
+    """
     first = int(index.min())
-    return np.asarray(stream.rows("data", first, int(index.max()) + 1)[index - first])
+    rows = np.asarray(stream.rows("data", first, int(index.max()) + 1)[index - first])
+    finite = np.isfinite(rows.reshape(len(rows), -1)).all(axis=1)
+    if not finite.all():
+        place = int(index[np.argmin(finite)])
+        raise ValueError(f"sample {place} is not finite, and it is not flagged invalid")
+    return rows
 
 
 def _six_numbers(poses: np.ndarray, turned_deg: int) -> np.ndarray:

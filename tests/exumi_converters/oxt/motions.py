@@ -64,6 +64,7 @@ def write_motion(
     with_pose: bool = True,
     with_width: bool = True,
     channels: int = 3,
+    nan_at: tuple[int, ...] = (),
 ) -> Path:
     """Write one episode: camera 30 Hz, two pads 25 Hz, pose 90 Hz, width 200 Hz.
 
@@ -83,6 +84,8 @@ def write_motion(
     with_pose, with_width : bool
     channels : int
         Of the pads' images.
+    nan_at : tuple of int
+        Samples of the pose that are no numbers.
     """
     metadata = EpisodeMetadata(
         id=str(uuid.uuid5(uuid.NAMESPACE_URL, f"motion-{number}")),
@@ -108,7 +111,9 @@ def write_motion(
             frames = Frames(parent="world", child="tcp")
             pose = writer.add_stream("pose", kind="pose", clock=_CLOCK, frames=frames)
             bits = np.where(invalid(time), flags()["invalid"].mask, 0).astype(np.uint32)
-            pose.append(time, motion(time)[0], **({"flags": bits} if bits.any() else {}))
+            values = motion(time)[0]
+            values[list(nan_at)] = np.nan
+            pose.append(time, values, **({"flags": bits} if bits.any() else {}))
         if with_width:
             time = times(200.0, seconds)
             writer.add_stream("width", kind="width", clock=_CLOCK).append(time, motion(time)[1])

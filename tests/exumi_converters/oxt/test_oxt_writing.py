@@ -178,6 +178,21 @@ def test_what_the_contract_cannot_hold_is_refused_with_the_reason(tmp_path: Path
     assert "there are not two steps in a row" in reasons
 
 
+def test_an_episode_that_cannot_be_written_leaves_no_trace(tmp_path: Path) -> None:
+    short = {"seconds": 0.5}
+    dataset = write_motions(tmp_path / "data", short, {**short, "nan_at": (20,)}, short)
+    options = ExportOptions(workers=1, durable=False, keep_going=True)
+    report = export(dataset, tmp_path / "domain", to_format="oxt", options=options)
+    assert report.written == 2
+    assert "sample 20 is not finite, and it is not flagged invalid" in report.failed[0].reason
+    root = opened(tmp_path / "domain" / "turn.zarr")
+    ends = root["meta/episode_ends"][:].tolist()
+    time = root["data/timestamps"][:]
+    assert len(ends) == 2
+    np.testing.assert_array_equal(time[: ends[0]], time[ends[0] :])
+    assert {root[f"data/{key}"].shape[0] for key in root["data"]} == {ends[-1]}
+
+
 def test_episodes_of_other_tasks_and_streams_get_stores_of_their_own(tmp_path: Path) -> None:
     one: dict[str, Any] = {"pads": {"tactile": "right"}, "with_width": False}
     dataset = write_motions(tmp_path / "data", {}, {"task": "Pour: tea"}, one, {})
