@@ -11,13 +11,15 @@ from typing import TypeVar
 from exumi_converters.clips import ClipsConverter
 from exumi_converters.converter import Converter
 from exumi_converters.exporter import Exporter
+from exumi_converters.hdf5_files.reading import Hdf5Converter
 from exumi_converters.lerobot_dataset.reading import LeRobotConverter
 from exumi_converters.lerobot_dataset.writing import LeRobotExporter
-from exumi_converters.hdf5_files.reading import Hdf5Converter
 from exumi_converters.mcap_files.reading import McapConverter
 from exumi_converters.mcap_files.writing import McapExporter
 from exumi_converters.octopi import OctopiConverter
 from exumi_converters.octopi_export import OctopiExporter
+from exumi_converters.oxt.reading import OxtConverter
+from exumi_converters.oxt.writing import OxtExporter
 from exumi_converters.umi.reading import UmiConverter
 from exumi_converters.umi.writing import UmiExporter
 from exumi_data.errors import UsageError
@@ -39,16 +41,18 @@ EXPORT_ENTRY_POINTS = "exumi.exporters"
 
 _CONVERTERS: tuple[Converter, ...] = (
     ClipsConverter(),
-    LeRobotConverter(),
     Hdf5Converter(),
+    LeRobotConverter(),
     McapConverter(),
     OctopiConverter(),
+    OxtConverter(),
     UmiConverter(),
 )
 _EXPORTERS: tuple[Exporter, ...] = (
     LeRobotExporter(),
     McapExporter(),
     OctopiExporter(),
+    OxtExporter(),
     UmiExporter(),
 )
 _OWN: Mapping[str, Converter] = {converter.name: converter for converter in _CONVERTERS}

@@ -31,7 +31,7 @@ _MAX_CHUNK = 1 << 28
 _MAX_PIECES = 4096
 _MAX_ROWS = 1 << 40
 _MAX_EPISODES = 1 << 22
-_KINDS = "biuf"
+_KINDS = "biufSU"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +50,8 @@ class ArrayMeta:
     filters : list of mapping or None
     separator : str
         Between the numbers of a chunk's name.
+    fill_value : int, float, str or None
+        What a chunk that is not stored holds throughout.
     """
 
     path: str
@@ -60,6 +62,7 @@ class ArrayMeta:
     compressor: Mapping[str, Any] | None
     filters: list[Mapping[str, Any]] | None
     separator: str
+    fill_value: Any = None
 
     @property
     def name(self) -> str:
@@ -111,6 +114,7 @@ def _parse(raw: bytes, path: str, where: object) -> ArrayMeta:
             compressor=document.get("compressor"),
             filters=document.get("filters") or None,
             separator=document.get("dimension_separator", "."),
+            fill_value=document.get("fill_value"),
         )
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise SourceError(
@@ -315,7 +319,7 @@ class Rows:
             c >= s for c, s in zip(meta.chunks[1:], meta.shape[1:], strict=True)
         )
 
-    def blocks(self, *, channel: int | None = None) -> Iterator[Block]:
+    def blocks(self, *, channel: int | None = None, fill: bool = False) -> Iterator[Block]:
         """Yield all rows, some at a time.
 
         Parameters
@@ -323,6 +327,9 @@ class Rows:
         channel : int, optional
             Decode this entry of the last axis alone, where it has chunks of its own; the others
             are then undefined.
+        fill : bool
+            Whether chunks that are not stored hold the fill value, as Zarr has it, and are not
+            missing.
         """
         meta = self.meta
         rows = meta.chunks[0]
@@ -332,22 +339,27 @@ class Rows:
         for number in range(self.start // rows, -(-self.stop // rows)):
             first = max(self.start, number * rows)
             count = min(self.stop, (number + 1) * rows) - first
-            values, reason = self._decode(number, pieces)
+            values, reason = self._decode(number, pieces, fill=fill)
             if values is not None:
                 values = values[first - number * rows :][:count]
             yield Block(first - self.start, values, reason, count)
 
     def _decode(
-        self, number: int, pieces: Sequence[tuple[int, ...]]
+        self, number: int, pieces: Sequence[tuple[int, ...]], *, fill: bool
     ) -> tuple[np.ndarray | None, str]:
         meta = self.meta
         whole = np.empty((meta.chunks[0], *meta.shape[1:]), meta.dtype)
         try:
             for piece in pieces:
                 data = self.chunks.read(number, piece)
-                if data is None:
+                if data is not None:
+                    self._put(data, number, piece, whole)
+                elif fill and isinstance(meta.fill_value, bool | int | float | str):
+                    self._place(piece, whole)[...] = meta.fill_value
+                else:
                     return None, "it is not there"
-                self._put(data, number, piece, whole)
+        except (ValueError, OverflowError):
+            return None, f"its fill value {meta.fill_value!r} is none of {meta.dtype}"
         except LimitError:
             raise
         except ExumiError as error:
@@ -365,12 +377,21 @@ class Rows:
         decode_chunk(data, chunk, meta.compressor, meta.filters, where)
         if meta.order == "F":
             chunk = chunk.T
-        corner = [(p * c, c) for p, c in zip(piece, meta.chunks[1:], strict=True)]
-        target = whole[(slice(None), *(slice(a, a + c) for a, c in corner))]
+        target = self._place(piece, whole)
         target[...] = chunk[tuple(slice(0, n) for n in target.shape)]
 
-    def read(self) -> np.ndarray:
+    def _place(self, piece: tuple[int, ...], whole: np.ndarray) -> np.ndarray:
+        """Return the part of some rows that a chunk holds."""
+        corner = [(p * c, c) for p, c in zip(piece, self.meta.chunks[1:], strict=True)]
+        return whole[(slice(None), *(slice(a, a + c) for a, c in corner))]
+
+    def read(self, *, fill: bool = False) -> np.ndarray:
         """Return all rows of an array of small numbers.
+
+        Parameters
+        ----------
+        fill : bool
+            See `blocks`.
 
         Raises
         ------
@@ -383,7 +404,7 @@ class Rows:
         if size > _MAX_CHUNK:
             raise LimitError(f"an episode of {size:,} bytes of numbers", where=self.meta.path)
         parts = []
-        for block in self.blocks():
+        for block in self.blocks(fill=fill):
             if block.values is None:
                 raise SourceError(
                     f"rows from {block.first} cannot be read: {block.reason}",

@@ -3,6 +3,7 @@
 import bz2
 import json
 import lzma
+import struct
 import zlib
 from collections.abc import Mapping
 from functools import lru_cache
@@ -22,6 +23,7 @@ from exumi_data.errors import (
 __all__ = ["check_codec", "decode_chunk"]
 
 _IMAGE_CODECS = "imagecodecs_"
+_BLOSC = struct.Struct("<4B3I")
 _OF_ZSTD = b"\x28\xb5\x2f\xfd"
 _SIZED = ("blosc", "lz4", "zstd")
 _UNSIZED = ("zlib", "gzip", "bz2", "lzma")
@@ -181,8 +183,23 @@ def _decompress(
         return _decode_image(codec, data, out)
     if name == "zstd" and not _states_its_size(data):
         raise SourceError("a chunk does not say how large it is unpacked", where=where)
+    if name == "blosc":
+        _check_blosc(data, out.nbytes, where)
     codec.decode(data, out.reshape(-1).view(np.uint8))
     return out
+
+
+def _check_blosc(data: bytes, size: int, where: object) -> None:
+    """Refuse a block that is cut short: Blosc would read on behind its end."""
+    if len(data) < _BLOSC.size:
+        raise SourceError("a chunk is cut short", where=where)
+    *_, unpacked, _, packed = _BLOSC.unpack_from(data)
+    if packed > len(data) or unpacked != size:
+        raise SourceError(
+            f"a chunk has {len(data):,} bytes of {packed:,}, and {unpacked:,} unpacked instead of "
+            f"{size:,}",
+            where=where,
+        )
 
 
 def _decode_image(codec: Any, data: bytes, out: np.ndarray) -> np.ndarray:

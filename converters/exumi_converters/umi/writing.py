@@ -75,6 +75,10 @@ class UmiExporter:
     name = "umi"
     version = "1"
     describes = "a replay buffer of UMI and exUMI: Zarr v2 folder, or .zarr.zip by its name"
+    keeps: tuple[str, ...] = (
+        "camera images, end poses and widths at the times of the camera, as UMI's code reads them",
+        "both tactile images as exUMI's tactile_combined, if they are there",
+    )
     loses: Mapping[str, str] = {
         "identity": "rows have no ids (the root's attributes list them for people)",
         "start": "there are no times",
