@@ -89,7 +89,9 @@ def test_the_controllers_button_begins_and_ends_the_episode(
         # The recorder began within a tenth of a second of the button, and nothing was lost.
         since = (pose.time_host[0] - started.epoch_ns) / 1e9 - PRESSED_S[0]
         assert 0 <= since < 0.5
-        assert np.diff(pose.time_host).max() < 0.1e9
+        assert pose.sequence is not None
+        assert (np.diff(pose.sequence.astype(np.int64)) == 1).all()
+        assert pose.metadata.lost is None
 
 
 def test_what_went_wrong_is_marked_and_did_no_harm_to_others(
@@ -101,8 +103,9 @@ def test_what_went_wrong_is_marked_and_did_no_harm_to_others(
         notes = {(note.code, note.stream) for note in episode.metadata.quality}
         assert notes == {("device-lost", None), ("pose-frozen", "pose")}
         gaps = {name: stream.metadata.gaps for name, stream in episode.streams.items()}
-        (gap,) = gaps.pop("rgb") or []
-        assert gap.reason == "the device was gone, or began anew"
+        # On a busy machine the camera may leave out numbers besides.
+        found = gaps.pop("rgb") or []
+        (gap,) = (one for one in found if one.reason == "the device was gone, or began anew")
         rgb = episode["rgb"].time_host
         assert rgb is not None
         gone, back = ((rgb[gap.after + n] - told[1].epoch_ns) / 1e9 for n in (0, 1))
