@@ -276,6 +276,13 @@ def test_controller(tmp_path: Path) -> None:
     ):
         done = calibrate("controller", path, "--out", rig, *wrong)
         assert (done.exit_code in {1, 2}, text in done.output) == (True, True), done.output
+    for wrong, text in (
+        (("--tool", "0,0,0,1"), "goes with --jig or --in-jig"),
+        (("--in-jig", "--tool", "0,0,0,2"), "of length 1"),
+        (("--jig", path), "neither --hand-eye nor --jig"),
+    ):
+        done = calibrate("controller", "--rig", "simulated", "--out", rig, *wrong)
+        assert (done.exit_code, text in done.output) == (2, True), done.output
     chain.write_text("{}")
     assert calibrate("controller", "--chain", chain, "--out", rig).exit_code == 2
 
