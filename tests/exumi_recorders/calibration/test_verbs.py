@@ -276,15 +276,22 @@ def test_controller(tmp_path: Path) -> None:
     ):
         done = calibrate("controller", path, "--out", rig, *wrong)
         assert (done.exit_code in {1, 2}, text in done.output) == (True, True), done.output
-    for wrong, text in (
-        (("--tool", "0,0,0,1"), "goes with --jig or --in-jig"),
-        (("--in-jig", "--tool", "0,0,0,2"), "of length 1"),
-        (("--jig", path), "neither --hand-eye nor --jig"),
-    ):
-        done = calibrate("controller", "--rig", "simulated", "--out", rig, *wrong)
-        assert (done.exit_code, text in done.output) == (2, True), done.output
     chain.write_text("{}")
     assert calibrate("controller", "--chain", chain, "--out", rig).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        (("--tool", "0,0,0,1"), "goes with --jig or --in-jig"),
+        (("--in-jig", "--tool", "0,0,0,2"), "of length 1"),
+        (("--jig", "jig.zarr"), "neither --hand-eye nor --jig"),
+    ],
+)
+def test_what_does_not_go_with_a_rig(wrong: tuple[str, ...], text: str, tmp_path: Path) -> None:
+    options = ("--rig", "simulated", "--out", tmp_path / "rig.json")
+    done = calibrate("controller", *options, *wrong)
+    assert (done.exit_code, text in done.output) == (2, True), done.output
 
 
 def test_hand_and_eye_in_a_sweep_turns_too_little(sweep: Path, tmp_path: Path) -> None:
