@@ -109,14 +109,17 @@ def loop(path: Path) -> None:
     import imagecodecs
     import numcodecs
 
-    from exumi_converters.umi.zip_index import read_index, read_member
+    from exumi_converters.umi.zip_index import Member, read_index, read_member
     from exumi_data.store import jpeg
+
+    def members(table: np.ndarray) -> list[Member]:
+        return [Member._make(record) for record in table.tolist()]
 
     index = read_index(path)
     zstd = numcodecs.Zstd()
     with path.open("rb") as file:
-        camera = index.chunks["data/camera0_rgb", "0.0.0"]
-        fingers = [index.chunks["data/tactile_combined", f"0.0.{c}"] for c in range(3)]
+        camera = members(index.chunks["data/camera0_rgb", "0.0.0"])
+        fingers = [members(index.chunks["data/tactile_combined", f"0.0.{c}"]) for c in range(3)]
         for row in range(len(camera)):
             data = read_member(file.fileno(), camera[row], path)
             jpeg.encode(imagecodecs.jpegxl_decode(data, numthreads=1), 95, chroma="444")

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from exumi_converters.umi.chunk_codecs import check_codec, check_filters, decode_chunk
-from exumi_converters.umi.zip_index import ZipIndex, is_zip, read_index, read_member
+from exumi_converters.umi.zip_index import Member, ZipIndex, is_zip, read_index, read_member
 from exumi_data.errors import (
     ExumiError,
     LimitError,
@@ -32,6 +32,7 @@ _MAX_PIECES = 4096
 _MAX_ROWS = 1 << 40
 _MAX_EPISODES = 1 << 22
 _KINDS = "biufSU"
+_Piece = tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +88,7 @@ class ArrayMeta:
         )
         return list(product(*ranges))
 
-    def chunk_name(self, row: int, piece: Sequence[int]) -> str:
+    def chunk_name(self, row: int, piece: tuple[int, ...]) -> str:
         """Return a chunk's name within the array."""
         return self.separator.join(map(str, (row, *piece)))
 
@@ -164,7 +165,7 @@ def _check(meta: ArrayMeta, dtype: str, where: object) -> None:
 class Chunks(Protocol):
     """Where the chunks of an array are."""
 
-    def read(self, row: int, piece: Sequence[int]) -> bytes | None:
+    def read(self, row: int, piece: _Piece) -> bytes | None:
         """Return a chunk as stored; None if there is none."""
         ...
 
@@ -178,7 +179,7 @@ class _FolderChunks:
     store: FolderStore
     meta: ArrayMeta
 
-    def read(self, row: int, piece: Sequence[int]) -> bytes | None:
+    def read(self, row: int, piece: _Piece) -> bytes | None:
         try:
             return self.store.read(f"{self.meta.path}/{self.meta.chunk_name(row, piece)}")
         except FileNotFoundError:
@@ -209,29 +210,40 @@ class _ZipFile:
         return self._descriptor
 
 
-@dataclass(frozen=True, slots=True)
 class _ZipChunks:
-    file: _ZipFile
-    path: str
-    tables: dict[str, np.ndarray]
+    """Chunks in a zip: for each piece of a row, the records of its chunks, ascending."""
 
-    def read(self, row: int, piece: Sequence[int]) -> bytes | None:
-        table = self.tables.get(".".join(map(str, piece)))
-        if table is None:
+    def __init__(self, file: _ZipFile, path: str, tables: Mapping[_Piece, np.ndarray]) -> None:
+        self._file = file
+        self._path = path
+        self._tables = tables
+        # The same as a dictionary, when it is asked for: looked up in a tenth of the time.
+        self._found: dict[_Piece, dict[int, Member]] = {}
+
+    def __getstate__(self) -> tuple[_ZipFile, str, Mapping[_Piece, np.ndarray]]:
+        return self._file, self._path, self._tables
+
+    def __setstate__(self, state: tuple[_ZipFile, str, Mapping[_Piece, np.ndarray]]) -> None:
+        self.__init__(*state)  # type: ignore[misc]  # without what was found
+
+    def read(self, row: int, piece: _Piece) -> bytes | None:
+        found = self._found.get(piece)
+        if found is None:
+            table = self._tables.get(piece)
+            members = () if table is None else map(Member._make, table.tolist())
+            found = self._found[piece] = {member.row: member for member in members}
+        member = found.get(row)
+        if member is None:
             return None
-        at = int(np.searchsorted(table["row"], row))
-        if at == len(table) or table["row"][at] != row:
-            return None
-        where = f"{self.file.path}: {self.path} {row}"
-        return read_member(self.file.descriptor, table[at], where)
+        return read_member(self._file.descriptor, member, f"{self._path} {row}")
 
     def part(self, first: int, last: int) -> "_ZipChunks":
         tables = {}
-        for piece, table in self.tables.items():
+        for piece, table in self._tables.items():
             start, stop = np.searchsorted(table["row"], (first, last + 1))
             # A view: what is sent to a worker is this part alone.
             tables[piece] = table[start:stop]
-        return replace(self, tables=tables)
+        return _ZipChunks(self._file, self._path, tables)
 
 
 class Block(NamedTuple):
@@ -297,7 +309,7 @@ class Rows:
                 if content is not None:
                     yield ".".join(map(str, (row - self.start, *piece))), content
 
-    def _stored(self, row: int, piece: Sequence[int]) -> bytes | None:
+    def _stored(self, row: int, piece: _Piece) -> bytes | None:
         try:
             return self.chunks.read(row, piece)
         except ExumiError:
@@ -446,13 +458,6 @@ class Buffer:
         first, last = start // meta.chunks[0], max(start, stop - 1) // meta.chunks[0]
         return Rows(meta, start, stop, self._chunks[name].part(first, last))
 
-    def stored_bytes(self, name: str) -> int | None:
-        """Return how many bytes an array's chunks have in a zip; None where that is not known."""
-        chunks = self._chunks[name]
-        if not isinstance(chunks, _ZipChunks):
-            return None
-        return sum(int(table["size"].sum(dtype=np.int64)) for table in chunks.tables.values())
-
 
 def open_buffer(path: Path) -> Buffer:
     """Open a replay buffer: a folder or a zip, whatever it is called. No frame is read.
@@ -563,7 +568,8 @@ class _ZipDocuments(_Common):
             return None
         if int(record["full"][0]) > 32 * _MAX_DOCUMENT:
             raise LimitError("a document of more than 32 MiB", where=f"{self.path}: {name}")
-        return read_member(self._file.descriptor, record[0], f"{self.path}: {name}")
+        member = Member._make(record[0].tolist())
+        return read_member(self._file.descriptor, member, f"{self.path}: {name}")
 
     def arrays(self) -> list[str]:
         head, tail = f"{self._prefix}data/", "/.zarray"
@@ -577,7 +583,9 @@ class _ZipDocuments(_Common):
     def chunks(self, meta: ArrayMeta) -> Chunks:
         path = self._prefix + meta.path
         tables = {
-            piece: table for (array, piece), table in self._index.chunks.items() if array == path
+            tuple(map(int, filter(None, piece.split(".")))): table
+            for (array, piece), table in self._index.chunks.items()
+            if array == path
         }
         return _ZipChunks(self._file, meta.path, tables)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from exumi_data.errors import LimitError, SourceError
 
-__all__ = ["CHUNK", "ZipIndex", "is_zip", "iter_names", "read_index", "read_member"]
+__all__ = ["CHUNK", "Member", "ZipIndex", "is_zip", "iter_names", "read_index", "read_member"]
 
 CHUNK = np.dtype(
     [
@@ -47,6 +47,17 @@ _MAX_GROUPS = 20_000
 _MAX_NAME = 4096
 MAX_MEMBER = 1 << 28
 """Most bytes of one member, unpacked."""
+
+
+class Member(NamedTuple):
+    """A record of type `CHUNK`."""
+
+    row: int
+    offset: int
+    size: int
+    full: int
+    crc: int
+    method: int
 
 
 class _Entry(NamedTuple):
@@ -262,15 +273,14 @@ def _large(entry: _Entry, extra: bytes) -> _Entry:
     return entry
 
 
-def read_member(descriptor: int, record: np.void, where: object) -> bytes:
+def read_member(descriptor: int, member: Member, where: object) -> bytes:
     """Read a member's content and check it.
 
     Parameters
     ----------
     descriptor : int
         Of the open zip.
-    record : numpy.void
-        Of type `CHUNK`.
+    member : Member
     where : object
         Named in errors.
 
@@ -279,21 +289,20 @@ def read_member(descriptor: int, record: np.void, where: object) -> bytes:
     SourceError
         It is damaged.
     """
-    offset, size, full = int(record["offset"]), int(record["size"]), int(record["full"])
     # One read gets most members whole: the local header is seldom longer than this.
-    data = os.pread(descriptor, size + 128, offset)
+    data = os.pread(descriptor, member.size + 128, member.offset)
     if len(data) < _LOCAL.size or not data.startswith(b"PK\3\4"):
         raise _damaged(where, "no member begins where the directory says")
     *_, name_length, extra_length = _LOCAL.unpack_from(data)
     begin = _LOCAL.size + name_length + extra_length
-    if begin + size > len(data):
-        data, begin = os.pread(descriptor, size, offset + begin), 0
-    content = data[begin : begin + size]
-    if len(content) < size:
+    if begin + member.size > len(data):
+        data, begin = os.pread(descriptor, member.size, member.offset + begin), 0
+    content = data[begin : begin + member.size]
+    if len(content) < member.size:
         raise _damaged(where, "a member is cut short")
-    if record["method"] == _DEFLATED:
-        content = _inflate(content, full, where)
-    if len(content) != full or zlib.crc32(content) != int(record["crc"]):
+    if member.method == _DEFLATED:
+        content = _inflate(content, member.full, where)
+    if len(content) != member.full or zlib.crc32(content) != member.crc:
         raise _damaged(where, "a member's checksum is wrong")
     return content
 

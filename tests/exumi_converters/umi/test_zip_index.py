@@ -9,7 +9,7 @@ import pytest
 
 from exumi_converters.umi import zip_index
 from exumi_converters.umi.sinks import ZipSink
-from exumi_converters.umi.zip_index import is_zip, read_index, read_member
+from exumi_converters.umi.zip_index import Member, is_zip, read_index, read_member
 from exumi_data.errors import ExumiError, LimitError, SourceError
 
 
@@ -22,7 +22,7 @@ def write_zip(path: Path, members: dict[str, bytes], method: int = zipfile.ZIP_S
 
 def content_of(path: Path, record: np.void) -> bytes:
     with path.open("rb") as file:
-        return read_member(file.fileno(), record, path)
+        return read_member(file.fileno(), Member._make(record.tolist()), path)
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
