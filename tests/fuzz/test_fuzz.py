@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.fuzz import running
 from tests.fuzz.running import MOST_BYTES, Outcome, run, summary
 from tests.fuzz.spoiling import spoiled
 from tests.fuzz.stores import Draft, Special, Store, all_stores
@@ -22,7 +23,10 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def outcomes() -> list[Outcome]:
-    return run(range(COUNT), seed=SEED)
+    with pytest.MonkeyPatch.context() as patched:
+        # The processes are forked from this one, which may have run thousands of tests before.
+        patched.setattr(running, "MOST_BYTES", MOST_BYTES + resident_bytes())
+        return run(range(COUNT), seed=SEED)
 
 
 def test_nothing_crashes_hangs_or_takes_too_much(outcomes: list[Outcome]) -> None:
@@ -30,7 +34,7 @@ def test_nothing_crashes_hangs_or_takes_too_much(outcomes: list[Outcome]) -> Non
     assert failed == [], f"python scripts/fuzz_validate.py --seed {SEED} --only {failed[0][0]}"
     assert [o.number for o in outcomes] == list(range(COUNT))
     assert {o.exit_code for o in outcomes} <= {0, 1, 2}
-    assert 0 < max(o.peak for o in outcomes) < MOST_BYTES
+    assert min(o.peak for o in outcomes) > 0
 
 
 def test_the_sample_is_worth_its_time(outcomes: list[Outcome]) -> None:
@@ -64,7 +68,7 @@ def test_what_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """A crash, a hang, an exception and much memory are four kinds of failure."""
     import os
 
-    from tests.fuzz import judging, running
+    from tests.fuzz import judging
 
     def judge(path: Path) -> judging.Verdict:
         number = int((path / "number").read_text())
@@ -75,7 +79,7 @@ def test_what_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         if number == 3:
             return judging.Verdict(mistakes=["an exception"])
         if number == 4:
-            bytearray(b"x") * (running.MOST_BYTES + (1 << 20))
+            bytearray(b"x") * (150 << 20)
         return judging.Verdict(exit_code=0)
 
     store = Store("nothing", "store.zarr", {})
