@@ -79,7 +79,7 @@ def test_what_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         if number == 3:
             return judging.Verdict(mistakes=["an exception"])
         if number == 4:
-            bytearray(b"x") * (150 << 20)
+            bytearray(b"x") * (400 << 20)
         return judging.Verdict(exit_code=0)
 
     store = Store("nothing", "store.zarr", {})
