@@ -19,10 +19,10 @@ from exumi_data.cli.calibrate_options import (
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
 if TYPE_CHECKING:
+    from exumi_data.clips.markers import MarkerSettings
     from exumi_data.episode import Episode
-    from exumi_recorders.calibration.markers import MarkerSettings
-    from exumi_recorders.calibration.sweep import MarkerTrack, PoseTrack, SweepResult
-    from exumi_recorders.calibration.timing import CameraTiming
+    from exumi_data.synchronisation.sweep import MarkerTrack, PoseTrack, SweepResult
+    from exumi_data.synchronisation.timing import CameraTiming
 
 __all__ = ["EPILOG", "run"]
 
@@ -92,13 +92,13 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     rest again. Intrinsics are taken from the calibration file, else from the episode. A sweep that
     does not tell is refused, with the reason.
     """
+    from exumi_data.calibration_items import LATENCY
     from exumi_data.cli.failures import FOUND_WRONG
     from exumi_data.cli.output import error_console
     from exumi_data.episode import open_episode
     from exumi_data.errors import UsageError
+    from exumi_data.synchronisation.sweep import SweepLimits, estimate_sweep, latency_item
     from exumi_recorders.calibration.files import Calibration
-    from exumi_recorders.calibration.items import LATENCY
-    from exumi_recorders.calibration.sweep import SweepLimits, estimate_sweep, latency_item
 
     settings = marker_settings(dictionary, marker, marker_mm)
     if end is not None and video is not None:
@@ -177,19 +177,19 @@ def _tracks(  # what a user says of a sweep
     video_start: float,
 ) -> "tuple[str, tuple[MarkerTrack, PoseTrack], CameraTiming]":
     """Return the pose stream's name, marker and poses, and how the camera's stamps are."""
+    from exumi_data.clips.frames import clip_frames
+    from exumi_data.clips.markers import track_marker
     from exumi_data.model.calibration import INTRINSICS
+    from exumi_data.synchronisation.timing import CameraTiming
     from exumi_recorders.calibration.files import read_calibration
-    from exumi_recorders.calibration.markers import track_marker
     from exumi_recorders.calibration.recordings import (
         camera_times,
-        clip_frames,
         clip_intrinsics,
         frames_of,
         intrinsics_for,
         pose_track,
         stream_of,
     )
-    from exumi_recorders.calibration.timing import CameraTiming
 
     calibration = read_calibration(out) if out.exists() else None
     poses = stream_of(episode, "pose", pose)

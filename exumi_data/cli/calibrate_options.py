@@ -8,10 +8,10 @@ import typer
 from exumi_data.cli.options import Format, given_path
 
 if TYPE_CHECKING:
+    from exumi_data.clips.markers import MarkerSettings
     from exumi_data.model.description import CalibrationItem
+    from exumi_data.synchronisation.timing import Range
     from exumi_recorders.calibration.files import Calibration
-    from exumi_recorders.calibration.markers import MarkerSettings
-    from exumi_recorders.calibration.timing import Range
 
 __all__ = [
     "EpisodeArgument",
@@ -130,7 +130,7 @@ def range_of(text: str | None, option: str) -> "Range | None":
         It is neither.
     """
     from exumi_data.errors import UsageError
-    from exumi_recorders.calibration.timing import Range
+    from exumi_data.synchronisation.timing import Range
 
     if text is None:
         return None
@@ -158,8 +158,8 @@ def marker_settings(dictionary: str, number: int, side_mm: float) -> "MarkerSett
     UsageError
         There is no such dictionary or marker.
     """
+    from exumi_data.clips.markers import MarkerSettings
     from exumi_data.errors import UsageError
-    from exumi_recorders.calibration.markers import MarkerSettings
 
     try:
         return MarkerSettings(dictionary, number, 1e-3 * side_mm)
@@ -180,10 +180,10 @@ def finish(
     more : dict, optional
         What else the JSON says.
     """
+    from exumi_data.calibration_items import now
     from exumi_data.cli.output import print_json, printable
     from exumi_data.model.documents import dump
     from exumi_recorders.calibration.files import Calibration, update
-    from exumi_recorders.calibration.items import now
 
     time = now()
     items = {n: item.model_copy(update={"time": time}) for n, item in found.items.items()}

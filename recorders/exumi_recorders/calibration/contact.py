@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_data.model.description import CalibrationItem
 from exumi_data.synchronisation import (
     LatencyEstimate,
@@ -20,7 +21,6 @@ from exumi_data.synchronisation import (
     find_touches,
     search_lag,
 )
-from exumi_recorders.calibration.items import CalibrationRefusedError
 
 __all__ = [
     "ContactLatency",

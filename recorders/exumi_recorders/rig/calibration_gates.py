@@ -8,9 +8,9 @@ from pydantic import ValidationError
 
 from exumi_data.model.calibration import INTRINSICS, Intrinsics
 from exumi_data.model.description import CalibrationItem
+from exumi_data.width_map import WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.contract import Files, Port, Rows
 from exumi_recorders.finalise.rows import row_dtype
-from exumi_recorders.finalise.widths import WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.recording.recorder import LATENCY
 from exumi_recorders.rig.gate import Gate, Verdict
 

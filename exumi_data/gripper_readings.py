@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_data.errors import SourceError
 from exumi_data.model.description import CalibrationItem
 from exumi_data.model.documents import load_json
 from exumi_data.raw_to_data import KEY
-from exumi_recorders.calibration.items import CalibrationRefusedError
 
 __all__ = [
     "GRIPPER_METHOD",

@@ -5,8 +5,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from exumi_recorders.attach.motion import Turning
-from exumi_recorders.attach.placing import SessionCurve, place, still
+from exumi_data.synchronisation.motion import Turning
+from exumi_data.synchronisation.placing import SessionCurve, place, still
 
 
 def hand(seconds: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

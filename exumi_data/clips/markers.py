@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from exumi_data.camera import matrix
 from exumi_data.model.calibration import Intrinsics
-from exumi_recorders.calibration.sweep import MarkerTrack
+from exumi_data.synchronisation.sweep import MarkerTrack
 
 __all__ = [
     "MarkerFinder",

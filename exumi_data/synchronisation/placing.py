@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exumi_data.synchronisation import search_lag
-from exumi_recorders.attach.correlation import Sampled, SlidingCorrelation, sampled
-from exumi_recorders.attach.motion import SPAN_S, Turning
+from exumi_data.synchronisation.correlation import Sampled, SlidingCorrelation, sampled
+from exumi_data.synchronisation.motion import SPAN_S, Turning
 
 __all__ = ["CAMERA_SIGMA_S", "METHOD", "Fit", "Placement", "SessionCurve", "place", "still"]
 

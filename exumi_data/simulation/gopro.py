@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from exumi_recorders.simulated.demonstrations import Demonstrations
+from exumi_data.simulation.demonstrations import Demonstrations
 
 __all__ = ["SimulatedGoPro", "gpmf_payload", "timecode_text"]
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from exumi_data.clips.frames import clip_frames, clip_size, fitting
+from exumi_data.clips.markers import MarkerSettings, MarkerView, as_track, marker_views
 from exumi_data.errors import ExumiError
 from exumi_data.model.calibration import Intrinsics
-from exumi_recorders.calibration.markers import MarkerSettings, MarkerView, as_track, marker_views
-from exumi_recorders.calibration.recordings import clip_frames, clip_size, fitting
-from exumi_recorders.calibration.sweep import MarkerTrack, SweepLimits
+from exumi_data.synchronisation.sweep import MarkerTrack, SweepLimits
 
 __all__ = ["find_sweep"]
 

@@ -11,16 +11,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from exumi_recorders.attach.motion import Turning
-from exumi_recorders.attach.placing import (
+from exumi_data.synchronisation.motion import Turning
+from exumi_data.synchronisation.placing import (
     Fit,
     Placement,
     SessionCurve,
     place,
     still,
 )
-from exumi_recorders.attach.sweep_search import SessionPoses, place_sweep
-from exumi_recorders.calibration.sweep import MarkerTrack
+from exumi_data.synchronisation.sweep import MarkerTrack
+from exumi_data.synchronisation.sweep_search import SessionPoses, place_sweep
 
 __all__ = ["Candidate", "CommonClock", "Match", "match_clips"]
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from exumi_data.calibration_items import REFUSED_FIX, CalibrationRefusedError
 from exumi_data.model.description import CalibrationItem
 from exumi_data.synchronisation.lags import Curves, lag_grid, vertex
-from exumi_recorders.calibration.items import REFUSED_FIX, CalibrationRefusedError
-from exumi_recorders.calibration.timing import HEADSET_LAG_RANGE_S, CameraTiming, Range
+from exumi_data.synchronisation.timing import HEADSET_LAG_RANGE_S, CameraTiming, Range
 
 __all__ = [
     "SWEEP_METHOD",

@@ -16,11 +16,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from exumi_data.clips.gpmf import MAX_PAYLOAD_BYTES, GyroTrack, Payload, read_gyro
 from exumi_data.errors import SourceError, UsageError
 from exumi_data.model import InputFile, VideoFile
 from exumi_data.store.digest import sha256_file
 from exumi_data.store.video import VideoDecoder, is_grey, probe_video
-from exumi_recorders.attach.gpmf import MAX_PAYLOAD_BYTES, GyroTrack, Payload, read_gyro
 
 __all__ = [
     "MAX_DURATION_S",

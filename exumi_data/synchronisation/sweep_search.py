@@ -1,7 +1,7 @@
 """Where in a session a marker was swept past: a clip's sweep against all poses of the session.
 
 Where the marker is in the camera's frame is a sum of the hand's position and of the entries of its
-rotation, by gains that need not be known (see `exumi_recorders.calibration.sweep`). The gains are
+rotation, by gains that need not be known (see `exumi_data.synchronisation.sweep`). The gains are
 fitted at every lag of the whole session at once: all sums that least squares need are correlations.
 The best places are then judged like any other sweep.
 """
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.spatial.transform import Rotation
 
-from exumi_recorders.attach.correlation import sampled
-from exumi_recorders.attach.placing import Placement
-from exumi_recorders.calibration.items import CalibrationRefusedError
-from exumi_recorders.calibration.sweep import (
+from exumi_data.calibration_items import CalibrationRefusedError
+from exumi_data.synchronisation.correlation import sampled
+from exumi_data.synchronisation.placing import Placement
+from exumi_data.synchronisation.sweep import (
     SWEEP_METHOD,
     MarkerTrack,
     PoseTrack,
@@ -27,7 +27,7 @@ from exumi_recorders.calibration.sweep import (
     SweepResult,
     estimate_sweep,
 )
-from exumi_recorders.calibration.timing import Range
+from exumi_data.synchronisation.timing import Range
 
 __all__ = ["METHOD", "SessionPoses", "place_sweep"]
 

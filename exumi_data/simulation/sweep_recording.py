@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from exumi_data._version import __version__
 from exumi_data.calibration import add_intrinsics
 from exumi_data.camera import matrix
+from exumi_data.clips.markers import MarkerSettings
 from exumi_data.model import (
     Clock,
     EncodedImages,
@@ -25,10 +26,9 @@ from exumi_data.model import (
     Task,
 )
 from exumi_data.model.calibration import Intrinsics
+from exumi_data.simulation.sweep import SimulatedSweep, SweepSettings
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
-from exumi_recorders.calibration.markers import MarkerSettings
-from exumi_recorders.calibration.simulated_sweep import SimulatedSweep, SweepSettings
 
 __all__ = ["CAMERA", "sweep_frames", "write_sweep_clip", "write_sweep_episode"]
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from exumi_data.clips.gpmf import GyroTrack
 from exumi_data.episode import Episode, open_episode
 from exumi_data.model import EpisodeMetadata, Frames, Source, Task
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.shards import open_array
-from exumi_recorders.attach import motion
-from exumi_recorders.attach.gpmf import GyroTrack
-from exumi_recorders.attach.motion import SPAN_S, Turning, of_gyro, of_pose_stream, of_poses
+from exumi_data.synchronisation import motion
+from exumi_data.synchronisation.motion import SPAN_S, Turning, of_gyro, of_pose_stream, of_poses
 
 
 def turning_poses(time_ns: np.ndarray, rad_per_s: float) -> np.ndarray:

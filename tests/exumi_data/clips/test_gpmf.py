@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exumi_recorders.attach.gpmf import GyroTrack, Payload, read_gyro
-from exumi_recorders.simulated.gopro import gpmf_payload
+from exumi_data.clips.gpmf import GyroTrack, Payload, read_gyro
+from exumi_data.simulation.gopro import gpmf_payload
 
 RATE_HZ = 200.0
 PAYLOAD_S = 1.001

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exumi_recorders.calibration.sweep import MarkerTrack, PoseTrack
+from exumi_data.synchronisation.sweep import MarkerTrack, PoseTrack
 
 __all__ = ["SimulatedSweep", "SweepSettings", "simulate_sweep"]
 

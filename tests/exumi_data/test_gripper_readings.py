@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_data.errors import SourceError
-from exumi_data.raw_to_data import RawToData, read_map
-from exumi_recorders.calibration.gripper import (
+from exumi_data.gripper_readings import (
     GripperReadings,
     fit_gripper,
     gripper_item,
@@ -19,7 +19,7 @@ from exumi_recorders.calibration.gripper import (
     readings_at_rest,
     unwrap,
 )
-from exumi_recorders.calibration.items import CalibrationRefusedError
+from exumi_data.raw_to_data import RawToData, read_map
 
 OPENINGS = tuple(0.01 * i for i in range(9))
 # As exUMI's hub leaves it: it says centimetres, holds metres, and its counts run over the end.

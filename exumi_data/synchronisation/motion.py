@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from exumi_data.clips.gpmf import GyroTrack
 from exumi_data.episode import StreamView
 from exumi_data.standard import flags
-from exumi_recorders.attach.gpmf import GyroTrack
 
 __all__ = ["SPAN_S", "Turning", "of_gyro", "of_pose_stream", "of_poses"]
 

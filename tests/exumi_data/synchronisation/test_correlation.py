@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from exumi_recorders.attach.correlation import Sampled, SlidingCorrelation, sampled
+from exumi_data.synchronisation.correlation import Sampled, SlidingCorrelation, sampled
 
 STEP = 20_000_000
 
