@@ -230,6 +230,7 @@ def _convert_one(item: EpisodeSource, *, root: Path, from_format: str, durable: 
             metadata,
             lambda writer: converter.convert(item, writer),
             durable=durable,
+            derived=item.derived,
         )
 
     return attempt(item.key, lambda: _metadata(item, converter), make)

@@ -113,6 +113,9 @@ class EpisodeSource:
         Published splits: name of the split to the list that this episode is in.
     estimated_bytes : int, optional
         How big the episode will be, where that is not about the size of its files.
+    derived : tuple of str, optional
+        Derived arrays without which an episode of an earlier run is not complete, such as
+        ``tactile/activity``. Default: the activity of all tactile streams.
     """
 
     key: str
@@ -125,6 +128,7 @@ class EpisodeSource:
     quality: tuple[QualityNote, ...] = ()
     splits: Mapping[str, str] = field(default_factory=dict)
     estimated_bytes: int | None = None
+    derived: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)

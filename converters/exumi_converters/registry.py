@@ -11,6 +11,7 @@ from typing import TypeVar
 from exumi_converters.clips import ClipsConverter
 from exumi_converters.converter import Converter
 from exumi_converters.exporter import Exporter
+from exumi_converters.exumi_session import ExumiSessionConverter
 from exumi_converters.octopi import OctopiConverter
 from exumi_data.errors import UsageError
 from exumi_data.plugins import Plugin, load_plugins, refuse_twice
@@ -30,7 +31,8 @@ ENTRY_POINTS = "exumi.converters"
 EXPORT_ENTRY_POINTS = "exumi.exporters"
 
 _OWN: Mapping[str, Converter] = {
-    converter.name: converter for converter in (ClipsConverter(), OctopiConverter())
+    converter.name: converter
+    for converter in (ClipsConverter(), OctopiConverter(), ExumiSessionConverter())
 }
 _OWN_EXPORTERS: Mapping[str, Exporter] = {}
 FORMATS: tuple[str, ...] = tuple(_OWN)

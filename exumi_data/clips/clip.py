@@ -241,7 +241,7 @@ def _number(name: str) -> tuple[int, int] | None:
     return None if match is None else (int(match[2]), int(match[1] or 0))
 
 
-def list_frames(path: Path, name: str) -> ClipFrames:
+def list_frames(path: Path, name: str, sha256: str | None = None) -> ClipFrames:
     """List a clip's frames by its packets; none is decoded.
 
     Parameters
@@ -249,6 +249,8 @@ def list_frames(path: Path, name: str) -> ClipFrames:
     path : pathlib.Path
     name : str
         What the episode calls the file.
+    sha256 : str, optional
+        Of the file, where it is known already.
 
     Raises
     ------
@@ -282,7 +284,7 @@ def list_frames(path: Path, name: str) -> ClipFrames:
             missing = f"{decoder.declared_frames} frames are declared, {len(pts)} are there"
             problem = f"{missing} ({problem})" if problem else missing
         return ClipFrames(
-            file=_file(decoder, path, name, size),
+            file=_file(decoder, path, name, size, sha256),
             pts=pts,
             keyframe=np.maximum.accumulate(np.where(is_key, np.arange(len(pts)), 0)),
             height=decoder.height,
@@ -293,14 +295,14 @@ def list_frames(path: Path, name: str) -> ClipFrames:
         )
 
 
-def _file(decoder: VideoDecoder, path: Path, name: str, size: int) -> VideoFile:
+def _file(decoder: VideoDecoder, path: Path, name: str, size: int, sha256: str | None) -> VideoFile:
     base = decoder.time_base
     fields: dict[str, Any] = {
         "name": name,
         "media_type": probe_video(path.name),
         "codec": decoder.codec,
         "time_base": f"{base.numerator}/{base.denominator}",
-        "sha256": sha256_file(path),
+        "sha256": sha256 or sha256_file(path),
         "bytes": size,
     }
     if decoder.pixel_format is not None:

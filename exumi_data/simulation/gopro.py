@@ -1,22 +1,37 @@
 """Clips as a GoPro writes them: video, timecode, and its telemetry track with a gyroscope."""
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from fractions import Fraction
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from exumi_data.simulation.demonstrations import Demonstrations
+__all__ = ["Pictures", "SimulatedGoPro", "TurningHand", "gpmf_payload", "timecode_text"]
 
-__all__ = ["SimulatedGoPro", "gpmf_payload", "timecode_text"]
+Pictures = Callable[[int], NDArray[np.uint8]]
+"""From a frame's number to its picture, (H, W, 3) uint8 RGB; asked for in order."""
 
 _SIDE_PX = 32
 _PAYLOAD_S = 1.001
 _TELEMETRY_BASE = Fraction(1, 1000)
+
+
+class TurningHand(Protocol):
+    """A hand whose angular velocity is known."""
+
+    def rad_per_s(self, t_s: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return it about the hand's own axes, (N, 3), at seconds of the session."""
+        ...
+
+
+def _flat(number: int) -> NDArray[np.uint8]:
+    return np.full((_SIDE_PX, _SIDE_PX, 3), 8 * (number % 32), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +52,9 @@ class SimulatedGoPro:
         By how much its clock runs fast.
     clock_s : float
         By how much its clock is ahead, time zone included.
+    codec : str
+        FFmpeg's name of an encoder.
+    bit_rate : int
     """
 
     rate: Fraction = Fraction(30_000, 1001)
@@ -46,16 +64,19 @@ class SimulatedGoPro:
     mounting_deg: tuple[float, float, float] = (31.0, -12.0, 97.0)
     drift_ppm: float = 0.0
     clock_s: float = 0.0
+    codec: str = "mpeg4"
+    bit_rate: int = 1_000_000
 
-    def film(  # what, when and whereto
+    def film(  # keyword-only options, each with a default
         self,
         path: Path,
-        demonstrations: Demonstrations,
+        hand: TurningHand,
         span_s: tuple[float, float],
         *,
         session_start: datetime,
         seed: int = 0,
         telemetry: bool = True,
+        pictures: Pictures | None = None,
     ) -> None:
         """Write a clip.
 
@@ -63,8 +84,8 @@ class SimulatedGoPro:
         ----------
         path : pathlib.Path
             ``.MP4``.
-        demonstrations : Demonstrations
-            What it is filmed in.
+        hand : TurningHand
+            That it is fixed to.
         span_s : (float, float)
             From when to when, seconds of the session.
         session_start : datetime
@@ -73,28 +94,35 @@ class SimulatedGoPro:
             Of the gyroscope's noise.
         telemetry : bool, optional
             Whether there is a gyroscope.
+        pictures : callable, optional
+            What it sees. Default: small grey squares.
         """
         import av
+
+        draw = pictures or _flat
 
         fast = 1.0 + 1e-6 * self.drift_ppm
         length_s = (span_s[1] - span_s[0]) * fast
         shown = session_start + timedelta(seconds=span_s[0] + self.clock_s)
         with av.open(str(path), "w", format="mp4", options={"write_tmcd": "1"}) as container:
             container.metadata["creation_time"] = shown.strftime("%Y-%m-%dT%H:%M:%SZ")
-            video = container.add_stream("mpeg4", rate=self.rate)
-            video.width, video.height, video.pix_fmt = _SIDE_PX, _SIDE_PX, "yuv420p"
+            video = container.add_stream(self.codec, rate=self.rate)
+            assert isinstance(video, av.VideoStream)  # noqa: S101  # the codec is one
+            pixels = draw(0)
+            video.height, video.width = pixels.shape[:2]
+            video.pix_fmt, video.bit_rate = "yuv420p", self.bit_rate
             video.metadata["timecode"] = timecode_text(shown, self.rate)
             data = container.add_data_stream("bin_data") if telemetry else None
             if data is not None:
                 data.time_base = _TELEMETRY_BASE
             for number in range(int(length_s * self.rate)):
-                pixels = np.full((_SIDE_PX, _SIDE_PX, 3), 8 * (number % 32), np.uint8)
+                pixels = draw(number) if number else pixels
                 container.mux(video.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
             container.mux(video.encode(None))
             if data is None:
                 return
             for start_ms, length_ms, payload in self._payloads(
-                demonstrations, span_s[0], length_s, np.random.default_rng([seed, 7])
+                hand, span_s[0], length_s, np.random.default_rng([seed, 7])
             ):
                 packet = av.Packet(payload)
                 packet.stream, packet.time_base = data, _TELEMETRY_BASE
@@ -104,15 +132,15 @@ class SimulatedGoPro:
 
     def _payloads(
         self,
-        demonstrations: Demonstrations,
+        hand: TurningHand,
         start_s: float,
         length_s: float,
         rng: np.random.Generator,
     ) -> list[tuple[int, int, bytes]]:
         time_s = (np.arange(int(length_s * self.gyro_hz)) + rng.uniform()) / self.gyro_hz
         true_s = start_s + time_s / (1.0 + 1e-6 * self.drift_ppm)
-        hand = demonstrations.rad_per_s(true_s)
-        values = Rotation.from_euler("xyz", self.mounting_deg, degrees=True).apply(hand)
+        turned = hand.rad_per_s(true_s)
+        values = Rotation.from_euler("xyz", self.mounting_deg, degrees=True).apply(turned)
         values += np.array(self.bias_rad_per_s)
         values += rng.normal(0.0, self.noise_rad_per_s, values.shape)
         found = []

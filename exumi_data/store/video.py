@@ -241,6 +241,14 @@ class VideoDecoder:
         except (av.FFmpegError, OSError, ValueError) as error:
             self.problem = _short(error)
 
+    def keyframes(self) -> Iterator[VideoFrame]:
+        """Yield the keyframes alone; what lies between them is not decoded.
+
+        Nothing else can be decoded with this decoder afterwards.
+        """
+        self._stream.codec_context.skip_frame = "NONKEY"
+        yield from self.frames()
+
     def seek(self, pts: int) -> None:
         """Go to the keyframe at or before `pts`.
 

@@ -141,7 +141,10 @@ class CommonClock:
 
 
 def match_clips(
-    session: Turning, clips: Sequence[Candidate], poses: SessionPoses | None = None
+    session: Turning,
+    clips: Sequence[Candidate],
+    poses: SessionPoses | None = None,
+    clock: CommonClock | None = None,
 ) -> tuple[list[Match], CommonClock | None]:
     """Place clips in a session.
 
@@ -151,13 +154,16 @@ def match_clips(
     clips : sequence of Candidate
     poses : SessionPoses, optional
         Of the session: what clips without a gyroscope are placed by.
+    clock : CommonClock, optional
+        What is known of the camera's clock: where doubtful clips are looked for again if the
+        certain ones do not say.
 
     Returns
     -------
     matches : list of Match
         One a clip, in their order.
     clock : CommonClock or None
-        None where the clips' clocks do not agree on one.
+        None where the clips' clocks do not agree on one, and none is known.
     """
     longest = max((len_s(clip.turning) for clip in clips if clip.turning), default=0.0)
     if len(session.time_ns) < 2:
@@ -166,7 +172,7 @@ def match_clips(
     curve = SessionCurve(session, longest)
     matches = [_alone(curve, clip) if clip.turning else _by_sweep(poses, clip) for clip in clips]
     _refuse_worse(matches)
-    clock = _common_clock(matches)
+    clock = _common_clock(matches) or clock
     taken = [(match.start_ns, match.stop_ns) for match in _placed(matches)]
     for match in matches:
         if match.placement is None and match.fit is not None:
