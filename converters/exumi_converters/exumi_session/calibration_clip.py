@@ -51,10 +51,13 @@ class ClipMotion:
         Half-way between the two, on the clip's clock.
     energy : (N,) float64
         Mean grey levels.
+    row : (N,) float64
+        In which row of the frame that is, on average: 0 the first, 1 the last.
     """
 
     time_ns: Int64Array
     energy: Float64Array
+    row: Float64Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +83,7 @@ class _Watched:
         self._before: tuple[int, NDArray[np.uint8]] | None = None
         self._times: list[int] = []
         self._energies: list[float] = []
+        self._rows: list[float] = []
 
     def __iter__(self) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         next_ns = -(1 << 62)
@@ -96,13 +100,20 @@ class _Watched:
             if self._before is not None:
                 before_ns, before = self._before
                 self._times.append((before_ns + time_ns) // 2)
-                self._energies.append(float(cv2.absdiff(small, before).mean()))
+                profile = cv2.absdiff(small, before).mean(axis=1, dtype=np.float64)
+                # Noise is everywhere: what lies above it says where something moves.
+                moving = np.maximum(profile - np.median(profile), 0.0) + 1e-9
+                place = np.arange(len(profile)) / max(len(profile) - 1, 1)
+                self._energies.append(float(profile.mean()))
+                self._rows.append(float(np.sum(moving * place) / np.sum(moving)))
             self._before = time_ns, np.asarray(small, np.uint8)
             yield time_ns, frame
 
     @property
     def motion(self) -> ClipMotion:
-        return ClipMotion(np.array(self._times, np.int64), np.array(self._energies))
+        return ClipMotion(
+            np.array(self._times, np.int64), np.array(self._energies), np.array(self._rows)
+        )
 
 
 def look_at(path: Path, camera: Intrinsics, settings: MarkerSettings) -> Seen:
@@ -170,27 +181,33 @@ def fingers_late(
     known = np.isfinite(widths_m)
     if len(motion.time_ns) < 2 or np.count_nonzero(known) < 2:
         return None
-    timing = CameraTiming()
-    taken = timing.event_ns(motion.time_ns, np.full(len(motion.time_ns), 0.5))
-    stamped = np.array([place.to_session(at) for at in taken.tolist()], np.int64)
+    stamped = np.array([place.to_session(at) for at in motion.time_ns.tolist()], np.int64)
     rest = _longest_rest(session, int(stamped[0]), int(stamped[-1]))
     if rest is None:
         return None
+    shown = (stamped >= rest[0]) & (stamped <= rest[1])
+    energy = motion.energy[shown]
+    if len(energy) < 2:
+        return None
+    weight = np.maximum(energy - np.median(energy), 0.0)
+    row = float(np.average(motion.row[shown], weights=weight + 1e-9))
+    timing = CameraTiming()
+    stamped = timing.event_ns(stamped[shown], np.full(len(energy), row))
     width_ns, width = session.width_ns[known], widths_m[known]
     inside = (width_ns >= rest[0]) & (width_ns <= rest[1])
     if not inside.any() or float(np.ptp(width[inside])) < _LEAST_TRAVEL_M:
-        return None
-    shown = (stamped >= rest[0]) & (stamped <= rest[1])
-    if np.count_nonzero(shown) < 2:
         return None
     half = int(np.median(np.diff(motion.time_ns))) // 2
     near = (width_ns >= rest[0] - 10**9) & (width_ns <= rest[1] + 10**9)
     at, opening = width_ns[near], width[near]
     moved = np.abs(np.interp(at + half, at, opening) - np.interp(at - half, at, opening))
-    found = search_lag(stamped[shown], motion.energy[shown], at, moved, max_lag_s=_MOST_LAG_S)
+    found = search_lag(stamped, energy, at, moved, max_lag_s=_MOST_LAG_S)
     if found is None or found.sigma_s > _MOST_SIGMA_S:
         return None
-    sigma = float(np.hypot(found.sigma_s, timing.sigma_s(0.5)))
+    # The exposure is in the sweep as well, and takes itself out; so does the marker's own row.
+    assert isinstance(seen.marker, MarkerTrack)  # noqa: S101  # the clip was placed by it
+    apart = abs(row - float(seen.marker.row.mean()))
+    sigma = float(np.hypot(found.sigma_s, apart * timing.readout_s.sigma))
     return LatencyEstimate(
         offset_s=found.offset_s, sigma_s=sigma, n_events=1, method=f"fingers by {found.method}"
     )

@@ -13,9 +13,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["GRIPPER_FILE", "chunks_of", "write_angles", "write_gripper_file", "write_tactile"]
+from exumi_data.model.calibration import Intrinsics
+
+__all__ = [
+    "GRIPPER_FILE",
+    "INTRINSICS_FILE",
+    "chunks_of",
+    "write_angles",
+    "write_gripper_file",
+    "write_intrinsics_file",
+    "write_tactile",
+]
 
 GRIPPER_FILE = "gripper_calibration.json"
+INTRINSICS_FILE = "gopro_intrinsics.json"
+# tan θ = θ + θ³/3 + 2θ⁵/15 + 17θ⁷/315 + 62θ⁹/2835 + ...
+_PINHOLE = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
 _RATE = 30
 _FOURCC = "mp4v"
 
@@ -102,4 +115,33 @@ def write_gripper_file(path: Path, openings_m: Sequence[float], counts: Sequence
     """
     pairs = [list(pair) for pair in zip(openings_m, counts, strict=True)]
     said = {"metadata": {"unit": "cm", "sensor_range": [0, 4095]}, "calibration": pairs}
+    path.write_text(json.dumps(said, indent=2))
+
+
+def write_intrinsics_file(path: Path, camera: Intrinsics) -> None:
+    """Write a camera without distortion as OpenImuCameraCalibrator writes fisheyes.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    camera : Intrinsics
+        A pinhole: its picture is that of a fisheye with these coefficients, to a part of a pixel.
+    """
+    said = {
+        "final_reproj_error": 0.0,
+        "fps": 59.94,
+        "image_height": camera.height,
+        "image_width": camera.width,
+        "intrinsic_type": "FISHEYE",
+        "intrinsics": {
+            "aspect_ratio": camera.fy / camera.fx,
+            "focal_length": camera.fx,
+            "principal_pt_x": camera.cx,
+            "principal_pt_y": camera.cy,
+            "skew": 0.0,
+            **{f"radial_distortion_{i}": value for i, value in enumerate(_PINHOLE, start=1)},
+        },
+        "nr_calib_images": 0,
+        "stabelized": False,
+    }
     path.write_text(json.dumps(said, indent=2))

@@ -19,11 +19,12 @@ UInt8Array = NDArray[np.uint8]
 Float64Array = NDArray[np.float64]
 
 BITS = 16
-_CELL_PX = 16
-_GREY, _STEP = 128, 4
+_CELL_PX = 8
+# Five levels apart is less than what counts as touched.
+_LOW, _HIGH = 126, 131
 _FULL_M = 1.5e-3
 _PRESS = 70.0
-_NOISE = 1.2
+_NOISE = 0.8
 
 
 def draw_number(picture: UInt8Array, number: int) -> None:
@@ -35,9 +36,11 @@ def draw_number(picture: UInt8Array, number: int) -> None:
     number : int
         Below 65,536.
     """
-    for bit, (top, left) in enumerate(_cells(picture.shape[1])):
-        level = _GREY + (_STEP if number >> bit & 1 else -_STEP)
-        picture[top : top + _CELL_PX, left : left + _CELL_PX] = level
+    cells = list(_cells(picture.shape[1]))
+    # The last two say what low and high look like once compressed.
+    for bit, (top, left) in enumerate(cells):
+        is_high = number >> bit & 1 if bit < BITS else bit > BITS
+        picture[top : top + _CELL_PX, left : left + _CELL_PX] = _HIGH if is_high else _LOW
 
 
 def read_number(picture: UInt8Array) -> int:
@@ -48,16 +51,17 @@ def read_number(picture: UInt8Array) -> int:
     picture : (H, W) or (H, W, C) uint8
     """
     grey = picture.astype(np.float64).reshape(*picture.shape[:2], -1).mean(axis=2)
-    number = 0
-    for bit, (top, left) in enumerate(_cells(picture.shape[1])):
-        inner = grey[top + 3 : top + _CELL_PX - 3, left + 3 : left + _CELL_PX - 3]
-        number |= int(inner.mean() > _GREY) << bit
-    return number
+    levels = [
+        float(grey[top + 2 : top + _CELL_PX - 2, left + 2 : left + _CELL_PX - 2].mean())
+        for top, left in _cells(picture.shape[1])
+    ]
+    middle = 0.5 * (levels[BITS] + levels[BITS + 1])
+    return sum(int(level > middle) << bit for bit, level in enumerate(levels[:BITS]))
 
 
 def _cells(width: int) -> Iterator[tuple[int, int]]:
     columns = width // _CELL_PX
-    for bit in range(BITS):
+    for bit in range(BITS + 2):
         row, column = divmod(bit, columns)
         yield row * _CELL_PX, column * _CELL_PX
 

@@ -17,9 +17,11 @@ from exumi_data.simulation.encoder import WidthEncoder
 from exumi_data.simulation.gopro import SimulatedGoPro
 from exumi_data.simulation.hub_session.files import (
     GRIPPER_FILE,
+    INTRINSICS_FILE,
     chunks_of,
     write_angles,
     write_gripper_file,
+    write_intrinsics_file,
     write_tactile,
 )
 from exumi_data.simulation.hub_session.pictures import (
@@ -91,8 +93,8 @@ class HubSettings:
     pose_jitter_s: float = 5e-4
     tactile_latency_s: tuple[float, float] = (0.031, 0.019)
     rate_hz: float = 30.0
-    tactile_size: tuple[int, int] = (120, 160)
-    rgb_size: tuple[int, int] = (64, 96)
+    tactile_size: tuple[int, int] = (240, 320)
+    rgb_size: tuple[int, int] = (72, 96)
     rgb_rate: Fraction = Fraction(60_000, 1001)
     codec: str = "mpeg4"
     sweep_s: float = 8.0
@@ -190,6 +192,8 @@ def simulate_hub_session(
     openings = [round(0.01 * cm, 2) for cm in range(11, -1, -1)]
     counts = encoder.counts(openings)
     write_gripper_file(folder / GRIPPER_FILE, openings, [int(count) for count in counts])
+    if chosen.sweep_s:
+        write_intrinsics_file(folder / INTRINSICS_FILE, CAMERA)
     return HubSession(
         root=folder,
         hub=hub,

@@ -87,9 +87,9 @@ class HubTruth:
     def rad_per_s(self, t_s: NDArray[np.floating]) -> Float64Array:
         """Return the hand's angular velocity about its own axes, (N, 3)."""
         half = 1e-3
-        t_s = np.asarray(t_s, np.float64)
-        before = Rotation.from_quat(self.pose(t_s - half)[:, 3:])
-        after = Rotation.from_quat(self.pose(t_s + half)[:, 3:])
+        at = np.asarray(t_s, np.float64)
+        before = Rotation.from_quat(self.pose(at - half)[:, 3:])
+        after = Rotation.from_quat(self.pose(at + half)[:, 3:])
         return np.asarray((before.inv() * after).as_rotvec() / (2 * half), np.float64)
 
     def _joined(
