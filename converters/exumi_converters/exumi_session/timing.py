@@ -28,6 +28,7 @@ from exumi_data.model.calibration import Intrinsics
 from exumi_data.synchronisation.matching import Candidate, CommonClock, Match, match_clips
 from exumi_data.synchronisation.motion import of_gyro, of_poses
 from exumi_data.synchronisation.placing import Placement
+from exumi_data.synchronisation.turns import search_turns
 
 __all__ = ["Late", "SessionTiming", "Told", "find_timing"]
 
@@ -197,6 +198,8 @@ def _place_all(  # one step of `find_timing`
     candidates = [_candidate(name, clip) for name, clip in own.items()]
     matches, agreed = match_clips(of_poses(track.time_ns, track.poses), candidates, None, clock)
     by_name = {match.clip.name: match for match in matches}
+    for name, clip in own.items():
+        _refine(told, by_name[name], clip)
     anchors = [name for name in own if name in seen]
     shift_ns, picture_s = 0, None
     for name in anchors:
@@ -229,6 +232,25 @@ def _place_all(  # one step of `find_timing`
         match.doubts.append(f"{match.reason}: placed by the camera's clock alone")
         match.placement = by_clock
         found.places[name] = match
+
+
+def _refine(told: Told, match: Match, clip: Clip) -> None:
+    """Refine a place that the gyroscope's speed has found by how far it turns."""
+    place = match.placement
+    if place is None or clip.gyro is None:
+        return
+    track = told.session.between(
+        place.to_session(0) - _NS, place.to_session(round(clip.duration_s * _NS)) + _NS
+    )
+    middle = round(clip.duration_s * _NS / 2)
+    found = search_turns(track.time_ns, track.poses, clip.gyro, place.to_session(middle) - middle)
+    if found is not None and found.sigma_s < place.sigma_s:
+        match.placement = replace(
+            place,
+            offset_ns=place.offset_ns + round(found.offset_s * _NS),
+            sigma_s=found.sigma_s,
+            method=f"{place.method}, {found.method}",
+        )
 
 
 def _candidate(name: str, clip: Clip) -> Candidate:

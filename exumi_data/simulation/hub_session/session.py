@@ -98,10 +98,10 @@ class HubSettings:
     rgb_rate: Fraction = Fraction(60_000, 1001)
     codec: str = "mpeg4"
     sweep_s: float = 8.0
-    flexes: int = 4
+    flexes: int = 6
     telemetry: bool = True
     late: float = 0.02
-    exposure_s: float = 0.004
+    exposure_s: float = 0.0085
     readout_s: float = 0.012
 
 
