@@ -35,6 +35,7 @@ __all__ = [
     "add_activity",
     "add_salience",
     "estimated_note",
+    "store_activity",
 ]
 
 SALIENT_FRAMES = 10
@@ -170,11 +171,26 @@ def add_activity(
     greys : iterable of (H, W) uint8
     """
     meter = ActivityMeter(reference)
-    values = np.array([meter.measure(grey) for grey in greys], dtype=np.float32)
+    store_activity(writer, stream, meter, [meter.measure(grey) for grey in greys])
+
+
+def store_activity(
+    writer: EpisodeWriter, stream: str, meter: ActivityMeter, values: Sequence[float]
+) -> None:
+    """Store the activity of a stream's frames.
+
+    Parameters
+    ----------
+    writer : EpisodeWriter
+    stream : str
+    meter : ActivityMeter
+        That measured it.
+    values : sequence of float
+    """
     writer.add_derived(
         stream,
         "activity",
-        values,
+        np.array(values, dtype=np.float32),
         algorithm=ACTIVITY_METHOD,
         parameters={
             "threshold": meter.threshold,

@@ -32,6 +32,8 @@ _LONGEST_S = 60.0
 _FEWEST = 30
 _LEAST_RAD = 0.02
 _EXPLAINED = 0.9
+# Each pose is in two spans: their errors are not each its own.
+_SHARED = 2.0**0.5
 
 
 def search_turns(
@@ -87,7 +89,7 @@ def search_turns(
         return None
     return LatencyEstimate(
         offset_s=lag,
-        sigma_s=float(np.sqrt(noise / free / strength)),
+        sigma_s=_SHARED * float(np.sqrt(noise / free / strength)),
         n_events=1,
         method=TURNS_METHOD,
     )

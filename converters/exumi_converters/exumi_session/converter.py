@@ -25,7 +25,13 @@ from exumi_converters.exumi_session.plan import ClipPlan, EpisodePlan, Latency, 
 from exumi_converters.exumi_session.readings_stream import add_readings
 from exumi_converters.exumi_session.rig import rig_items
 from exumi_converters.exumi_session.tables import read_angles
-from exumi_converters.exumi_session.timing import Late, SessionTiming, Told, find_timing
+from exumi_converters.exumi_session.timing import (
+    Late,
+    SessionTiming,
+    Told,
+    find_timing,
+    marker_settings,
+)
 from exumi_converters.format_options import FormatOptions, parse_options
 from exumi_converters.identity import relative_name
 from exumi_converters.report import Failure
@@ -112,6 +118,7 @@ class ExumiSessionConverter:
             raise UsageError(
                 "the format exumi-session takes no table of labels", where=options.labels
             )
+        marker_settings(told)
         sessions = find_sessions(source)
         if not sessions:
             raise SourceError(

@@ -50,12 +50,11 @@ def jpeg_frames(
     bytes
         The JPEG.
     (H, W) uint8
-        Luma of it, decoded.
+        Luma of the frame, before it was encoded.
     """
     if not wanted:
         return
     pixels = FramePixels()
-    grey = np.empty((like.height, like.width, 1), np.uint8)
     left = set(wanted)
     with VideoDecoder(str(video), video) as decoder:
         for frame in decoder.frames():
@@ -64,11 +63,9 @@ def jpeg_frames(
                 continue
             left.discard(pts)
             colour = like.channels == 3
-            file = jpeg.encode(
-                pixels.rgb(frame) if colour else pixels.grey(frame)[..., None], quality
-            )
-            jpeg.decode_into(file, grey)
-            yield wanted[pts], file, grey[..., 0].copy()
+            grey = pixels.grey(frame)
+            file = jpeg.encode(pixels.rgb(frame) if colour else grey[..., None], quality)
+            yield wanted[pts], file, grey
             if not left:
                 return
 

@@ -21,7 +21,7 @@ from exumi_converters.exumi_session.readings_stream import (
 )
 from exumi_converters.exumi_session.tables import read_stamps
 from exumi_converters.frame_files import add_lossy
-from exumi_converters.tactile_analysis import TactileAnalysis, estimated_note
+from exumi_converters.tactile_analysis import add_salience, estimated_note, store_activity
 from exumi_data.clips.clip import ClipFrames, list_frames
 from exumi_data.errors import SourceError
 from exumi_data.model import (
@@ -32,13 +32,15 @@ from exumi_data.model import (
     Sensor,
     VideoImages,
 )
-from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.stream_writer import StreamWriter
 from exumi_data.store.video import FramePixels, VideoDecoder
 from exumi_data.tactile import (
     REFERENCE_METHOD,
+    ActivityMeter,
+    ReferenceChoice,
     choose_reference,
+    difference_energy,
     reference_image,
     thumbnail,
 )
@@ -242,39 +244,57 @@ def _add_videos(
             time_host=times.time_host[rows],
             flags=times.flags[rows],
         )
-    _set_reference(writer, stream, pieces, repeated)
+    quiet = _quiet(pieces, ~repeated)
+    if quiet is not None:
+        _set_reference(writer, stream, quiet, quiet.frames)
     return len(host)
 
 
-def _set_reference(
-    writer: EpisodeWriter,
-    stream: StreamWriter,
-    pieces: Sequence[_Piece],
-    repeated: NDArray[np.bool_],
-) -> None:
-    """Make the reference of quiet frames: of keyframes, if these tell; else all are looked at."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Quiet:
+    """The image without contact, and what it was made from.
+
+    Attributes
+    ----------
+    choice : ReferenceChoice
+    frames : list of int
+        Indices among all frames of the pieces.
+    image : (H, W, C) uint8
+    """
+
+    choice: ReferenceChoice
+    frames: list[int]
+    image: UInt8Array
+
+
+def _quiet(pieces: Sequence[_Piece], usable: NDArray[np.bool_]) -> _Quiet | None:
+    """Find quiet frames: among keyframes, if these tell; else all are looked at."""
     for every in (False, True):
         small: list[UInt8Array] = []
         places: list[int] = []
         for index, grey in _greys(pieces, every=every):
             if len(small) == _MOST_THUMBNAILS:
                 break
-            if not repeated[index]:
+            if usable[index]:
                 small.append(thumbnail(grey))
                 places.append(index)
         if not small:
             continue
         choice = choose_reference(small)
         if choice.contact_free or every:
-            break
-    else:
-        return
-    chosen = sorted(places[i] for i in choice.frames)
-    image = reference_image(list(_pictures(pieces, chosen)))
+            chosen = sorted(places[i] for i in choice.frames)
+            return _Quiet(choice, chosen, reference_image(list(_pictures(pieces, chosen))))
+    return None
+
+
+def _set_reference(
+    writer: EpisodeWriter, stream: StreamWriter, quiet: _Quiet, frames: Sequence[int]
+) -> None:
+    choice = quiet.choice
     stream.set_reference(
-        image,
+        quiet.image,
         method=choice.method,
-        frames=chosen,
+        frames=frames,
         contact_free=True if choice.contact_free else None,
         algorithm=REFERENCE_METHOD,
     )
@@ -333,10 +353,17 @@ def _add_decoded(
     if not inside.any():
         _note(writer, "no-frames", f"there is no frame of the {side} finger in this demonstration")
         return 0
+    quiet = _quiet(pieces, inside)
+    if quiet is None:
+        raise SourceError("no frame can be decoded", where=pieces[0].files.video)
     stream = writer.add_stream(
         name, kind="tactile", images=as_jpeg(like), **_fields(plan, side, times, like)
     )
-    analysis, kept = TactileAnalysis(), []
+    meter = ActivityMeter(quiet.image)
+    kept: list[int] = []
+    activity: list[float] = []
+    energies: list[int] = []
+    before: UInt8Array | None = None
     for piece in pieces:
         wanted = {
             pts: piece.first + i
@@ -350,13 +377,16 @@ def _add_decoded(
                 time_host=int(times.time_host[index]),
                 flags=int(times.flags[index]),
             )
-            analysis.add(grey)
             kept.append(index)
-    if not kept:
-        raise SourceError("no frame can be decoded", where=pieces[0].files.video)
+            activity.append(meter.measure(grey))
+            energies.append(difference_energy(grey if before is None else before, grey))
+            before = grey
     stream.model.gaps = _gaps_between(kept, repeated, times.gaps) or None
     note_decoding(writer, name, like, plan.quality)
-    analysis.finish(writer, stream, _Again(pieces, kept, like, plan.quality))
+    rows = {index: row for row, index in enumerate(kept)}
+    _set_reference(writer, stream, quiet, [rows[i] for i in quiet.frames if i in rows])
+    store_activity(writer, name, meter, activity)
+    add_salience(writer, name, energies)
     return len(kept)
 
 
@@ -379,39 +409,3 @@ def _gaps_between(
             reason = "it cannot be decoded"
             found.append(Gap(after=row, lost=other - one - 1, reason=reason))
     return found
-
-
-class _Again:
-    """The frames that were kept, decoded again."""
-
-    def __init__(
-        self, pieces: Sequence[_Piece], kept: Sequence[int], like: ClipFrames, quality: int
-    ) -> None:
-        self._pieces = pieces
-        self._rows = {index: row for row, index in enumerate(kept)}
-        self._like = like
-        self._quality = quality
-
-    def _files(self, rows: set[int] | None) -> Iterator[tuple[bytes, UInt8Array]]:
-        for piece in self._pieces:
-            wanted = {}
-            for i, pts in enumerate(piece.frames.pts[: len(piece.stamps)].tolist()):
-                row = self._rows.get(piece.first + i)
-                if row is not None and (rows is None or row in rows):
-                    wanted[pts] = row
-            video = piece.files.video
-            for _, file, grey in jpeg_frames(video, wanted, self._like, self._quality):
-                yield file, grey
-
-    def greys(self) -> Iterator[UInt8Array]:
-        """Yield every frame, (H, W) uint8 luma."""
-        return (grey for _, grey in self._files(None))
-
-    def pictures(self, indices: Sequence[int]) -> list[UInt8Array]:
-        """Return some frames, ascending, each (H, W, C) uint8."""
-        out = []
-        for file, _ in self._files(set(indices)):
-            picture = np.empty((self._like.height, self._like.width, self._like.channels), np.uint8)
-            jpeg.decode_into(file, picture)
-            out.append(picture)
-        return out

@@ -24,13 +24,14 @@ from exumi_converters.exumi_session.options import SessionOptions
 from exumi_converters.exumi_session.touch_latency import grasps, touch_late
 from exumi_data.clips.clip import Clip
 from exumi_data.clips.markers import MarkerSettings
+from exumi_data.errors import UsageError
 from exumi_data.model.calibration import Intrinsics
 from exumi_data.synchronisation.matching import Candidate, CommonClock, Match, match_clips
 from exumi_data.synchronisation.motion import of_gyro, of_poses
 from exumi_data.synchronisation.placing import Placement
 from exumi_data.synchronisation.turns import search_turns
 
-__all__ = ["Late", "SessionTiming", "Told", "find_timing"]
+__all__ = ["Late", "SessionTiming", "Told", "find_timing", "marker_settings"]
 
 _NS = 1_000_000_000
 _DAY_S = 86_400
@@ -129,7 +130,7 @@ def find_timing(
     """
     found = SessionTiming()
     clock = _stated_clock(told, clips, calibration, options, found)
-    settings = MarkerSettings(options.marker_dictionary, options.marker, options.marker_side_m)
+    settings = marker_settings(options)
     seen: dict[str, tuple[Seen, Placement]] = {}
     for name, clip in calibration.items():
         shown = look_at(clip.path, camera, settings)
@@ -154,6 +155,20 @@ def find_timing(
                 f"{late.method}: {late.n_events} grasps of the session against the encoder",
             )
     return found
+
+
+def marker_settings(options: SessionOptions) -> MarkerSettings:
+    """Return which marker is looked for.
+
+    Raises
+    ------
+    UsageError
+        There is no such marker.
+    """
+    try:
+        return MarkerSettings(options.marker_dictionary, options.marker, options.marker_side_m)
+    except ValueError as error:
+        raise UsageError(f"Invalid marker: {error}") from None
 
 
 def _stated_clock(

@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -81,6 +82,8 @@ class HubSettings:
         Share of tactile frames that come late, so that the hub writes them twice.
     exposure_s, readout_s : float
         Of the camera.
+    calibration_scale : int
+        How many times 480 by 360 pixels the latency clip has, each way.
     """
 
     seed: int = 0
@@ -103,6 +106,7 @@ class HubSettings:
     late: float = 0.02
     exposure_s: float = 0.0085
     readout_s: float = 0.012
+    calibration_scale: int = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -326,6 +330,13 @@ def _film(
     return starts
 
 
+def _enlarged(picture: NDArray[np.uint8], scale: int) -> NDArray[np.uint8]:
+    if scale == 1:
+        return picture
+    size = picture.shape[1] * scale, picture.shape[0] * scale
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+
+
 def _film_calibration(
     path: Path, settings: HubSettings, truth: HubTruth, sweep: SimulatedSweep
 ) -> None:
@@ -339,8 +350,10 @@ def _film_calibration(
         rate=rate,
         drift_ppm=settings.drift_ppm,
         clock_s=settings.zone_s + settings.camera_ahead_s,
-        bit_rate=4_000_000,
+        bit_rate=4_000_000 * settings.calibration_scale**2,
+        codec=settings.codec,
     )
+    draw = CalibrationPictures(sweep, truth.width_m(seen), settings.seed)
     camera.film(
         path,
         truth,
@@ -348,5 +361,5 @@ def _film_calibration(
         session_start=settings.start,
         seed=settings.seed + 1000,
         telemetry=settings.telemetry,
-        pictures=CalibrationPictures(sweep, truth.width_m(seen), settings.seed),
+        pictures=lambda index: _enlarged(draw(index), settings.calibration_scale),
     )
