@@ -135,7 +135,7 @@ def look_at(path: Path, camera: Intrinsics, settings: MarkerSettings) -> Seen:
         for time_ns, _ in looked:
             if time_ns > _LOOK_NS:
                 break
-    except ExumiError as error:
+    except (ExumiError, ValueError, OSError) as error:
         marker = f"its frames do not help: {error}"
     return Seen(marker, frames.motion)
 

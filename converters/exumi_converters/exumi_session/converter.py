@@ -12,7 +12,7 @@ from exumi_converters.converter import ConvertOptions, Discovery, EpisodeSource,
 from exumi_converters.exumi_session.camera_stream import CAMERA_STREAM, add_clip
 from exumi_converters.exumi_session.finger_stream import FingerFiles, add_finger
 from exumi_converters.exumi_session.gripper import gripper_calibration, widths_of
-from exumi_converters.exumi_session.hub import PoseSession, join_readings, read_hub
+from exumi_converters.exumi_session.hub import Hub, PoseSession, join_readings, read_hub
 from exumi_converters.exumi_session.layout import (
     SIDES,
     Chunk,
@@ -316,7 +316,7 @@ def _intrinsics(named: Path | None, lying: Sequence[Path]) -> tuple[Intrinsics |
     return None, said
 
 
-def _notices(files: SessionFiles, hub: Any, source: Path) -> Iterator[str]:
+def _notices(files: SessionFiles, hub: Hub, source: Path) -> Iterator[str]:
     for problem in hub.problems:
         yield f"{relative_name(problem.path, source)} was left out: {problem.reason}"
     for what, paths in (
@@ -332,6 +332,11 @@ def _notices(files: SessionFiles, hub: Any, source: Path) -> Iterator[str]:
     ):
         if paths:
             yield count_names(what, source, paths)
+    if hub.far_away:
+        yield (
+            f"{hub.far_away} reading(s) are stamped hours away from all others: the hub's clock "
+            "was not set, and nothing tells when they were"
+        )
     if hub.steps_back:
         yield f"the hub's clock went back {hub.steps_back} time(s)"
 
@@ -341,7 +346,7 @@ class _Maker:
     """Makes the items of a session."""
 
     files: SessionFiles
-    hub: Any
+    hub: Hub
     timing: SessionTiming
     told: SessionOptions
     options: ConvertOptions
@@ -414,12 +419,12 @@ class _Maker:
         """Yield role, number and path of the files that hold any of an episode's time."""
         first, last = start - _AROUND_NS, stop + _AROUND_NS
         yield "clip", 0, clip.path
-        for chunk, begins, ends in self.hub.angle_chunks:
-            if begins <= last and ends >= first:
-                yield "angle", chunk.order[1], chunk.table
+        for piece in self.hub.angle_chunks:
+            if piece.holds(first, last):
+                yield "angle", piece.chunk.order[1], piece.chunk.table
         for side in SIDES:
             for piece in self.hub.fingers.get(side, []):
-                if piece.first_ns <= last and piece.last_ns >= first:
+                if piece.holds(first, last):
                     yield from _halves(side, piece.chunk)
 
     def _quality(self, match: Match, clip: Clip, start: int, stop: int) -> Iterator[QualityNote]:

@@ -151,6 +151,8 @@ def _read(
             f"{like.height}",
             where=files.video,
         )
+    if frames.problem:
+        _note(writer, "damaged-frames", f"{files.video.name}: {frames.problem}", stream)
     found = len(frames.pts)
     if found != len(stamps):
         _note(

@@ -14,9 +14,12 @@ from exumi_data.errors import SourceError
 from exumi_data.synchronisation.sweep import PoseTrack
 from exumi_data.time import strictly_increasing
 
-__all__ = ["FingerChunk", "Hub", "PoseSession", "Problem", "join_readings", "read_hub", "usable"]
+__all__ = ["Hub", "PoseSession", "Problem", "StampedChunk", "join_readings", "read_hub", "usable"]
 
 Int64Array = NDArray[np.int64]
+
+_APART_NS = 6 * 3600 * 1_000_000_000
+_LONGEST_NS = 48 * 3600 * 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,20 +30,23 @@ class Problem:
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
-class FingerChunk:
-    """A chunk of a finger, by its stamps.
+@dataclass(frozen=True, slots=True, eq=False)
+class StampedChunk:
+    """A chunk, and its stamps.
 
     Attributes
     ----------
     chunk : Chunk
-    first_ns, last_ns : int
-        Unix times of its first and last frame, as they lie in time.
+    time_ns : (N,) int64
+        Unix times.
     """
 
     chunk: Chunk
-    first_ns: int
-    last_ns: int
+    time_ns: Int64Array
+
+    def holds(self, first_ns: int, last_ns: int) -> bool:
+        """Whether any of it is of a stretch of time."""
+        return bool(((self.time_ns >= first_ns) & (self.time_ns <= last_ns)).any())
 
 
 @dataclass(slots=True)
@@ -51,22 +57,24 @@ class Hub:
     ----------
     readings : Readings
         All of them, in the order in which they were saved.
-    angle_chunks : list of (Chunk, int, int)
-        With the Unix times of the first and the last reading.
-    fingers : dict of str to list of FingerChunk
+    angle_chunks : list of StampedChunk
+    fingers : dict of str to list of StampedChunk
     problems : list of Problem
     repeated : list of pathlib.Path
         Chunks that hold again what others do.
     steps_back : int
         How often the hub's clock went back.
+    far_away : int
+        Readings whose stamps lie hours away from all others: the hub's clock was wrong then.
     """
 
     readings: Readings
-    angle_chunks: list[tuple[Chunk, int, int]] = field(default_factory=list)
-    fingers: dict[str, list[FingerChunk]] = field(default_factory=dict)
+    angle_chunks: list[StampedChunk] = field(default_factory=list)
+    fingers: dict[str, list[StampedChunk]] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     repeated: list[Path] = field(default_factory=list)
     steps_back: int = 0
+    far_away: int = 0
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -102,10 +110,10 @@ def read_hub(files: SessionFiles) -> Hub:
         )
     hub = Hub(joined, problems=angles.problems, repeated=angles.repeated)
     hub.steps_back = int(np.count_nonzero(np.diff(joined.time_ns) < 0))
-    for chunk, readings in angles.kept:
-        if len(readings.time_ns):
-            span = int(readings.time_ns.min()), int(readings.time_ns.max())
-            hub.angle_chunks.append((chunk, *span))
+    near = _of_one_time(joined.time_ns, files.root)
+    hub.far_away = int(np.count_nonzero(~near))
+    hub.readings = joined.part(near)
+    hub.angle_chunks = [StampedChunk(chunk, found.time_ns) for chunk, found in angles.kept]
     for side in SIDES:
         stamps = _Chunks[_Stamps]()
         for chunk in files.chunks[side]:
@@ -113,14 +121,29 @@ def read_hub(files: SessionFiles) -> Hub:
                 stamps.take(chunk, _Stamps(read_stamps(chunk.table)))
             except SourceError as error:
                 stamps.problems.append(Problem(chunk.table, error.what))
-        hub.fingers[side] = [
-            FingerChunk(chunk, int(found.time_ns.min()), int(found.time_ns.max()))
-            for chunk, found in stamps.kept
-            if len(found.time_ns)
-        ]
+        hub.fingers[side] = [StampedChunk(chunk, found.time_ns) for chunk, found in stamps.kept]
         hub.problems += stamps.problems
         hub.repeated += stamps.repeated
     return hub
+
+
+def _of_one_time(time_ns: Int64Array, where: Path) -> NDArray[np.bool_]:
+    """Return which readings are of the session: most of them, and what is hours away is not.
+
+    A hub without a battery for its clock begins in another year, until the network tells it.
+    """
+    ordered = np.sort(time_ns)
+    cuts = np.flatnonzero(np.diff(ordered) > _APART_NS) + 1
+    parts = np.split(ordered, cuts)
+    most = max(parts, key=len)
+    if most[-1] - most[0] > _LONGEST_NS:
+        raise SourceError(
+            f"its readings cover {(most[-1] - most[0]) / 3.6e12:.0f} h, a session at most "
+            f"{_LONGEST_NS / 3.6e12:.0f} h",
+            where=where,
+            fix="Divide the hub's folders by session.",
+        )
+    return np.asarray((time_ns >= most[0]) & (time_ns <= most[-1]))
 
 
 class _Stamped(Protocol):

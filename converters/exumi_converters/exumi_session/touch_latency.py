@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exumi_converters.exumi_session.hub import FingerChunk
+from exumi_converters.exumi_session.hub import StampedChunk
 from exumi_converters.exumi_session.tables import read_stamps
 from exumi_data.errors import ExumiError
 from exumi_data.store.video import FramePixels, VideoDecoder
@@ -76,7 +76,7 @@ class _Frames:
 
 
 def touch_late(
-    chunks: Sequence[FingerChunk],
+    chunks: Sequence[StampedChunk],
     spans: Sequence[tuple[int, int]],
     epoch_ns: int,
     width_ns: Int64Array,
@@ -86,7 +86,7 @@ def touch_late(
 
     Parameters
     ----------
-    chunks : sequence of FingerChunk
+    chunks : sequence of StampedChunk
     spans : sequence of (int, int)
         Grasps, in the session's time; some of them are looked at.
     epoch_ns : int
@@ -123,12 +123,12 @@ def touch_late(
 
 
 def _collect(
-    chunks: Sequence[FingerChunk], span: tuple[int, int], epoch_ns: int, frames: _Frames
+    chunks: Sequence[StampedChunk], span: tuple[int, int], epoch_ns: int, frames: _Frames
 ) -> None:
     """Decode the frames of a span, each stamp once."""
     pixels = FramePixels()
     for piece in chunks:
-        if piece.last_ns < span[0] + epoch_ns or piece.first_ns > span[1] + epoch_ns:
+        if not piece.holds(span[0] + epoch_ns, span[1] + epoch_ns):
             continue
         video = piece.chunk.video
         assert video is not None  # noqa: S101  # chunks of fingers have one
@@ -140,10 +140,13 @@ def _collect(
                     # A repeated frame was nudged by a nanosecond: it tells nothing new.
                     if not span[0] <= stamp <= span[1] or stamp - last < 1000:
                         continue
+                    grey = _small(pixels.grey(frame))
+                    if frames.grey and grey.shape != frames.grey[0].shape:
+                        break
                     frames.time_ns.append(stamp)
-                    frames.grey.append(_small(pixels.grey(frame)))
-        except ExumiError:
-            continue
+                    frames.grey.append(grey)
+        except (ExumiError, ValueError, OSError):
+            continue  # converting says what is the matter with it
 
 
 def _small(grey: UInt8Array) -> UInt8Array:

@@ -274,6 +274,28 @@ def test_a_file_that_claims_too_much(small: HubSession, tmp_path: Path) -> None:
         assert f"{name} was left out" in said
 
 
+def test_a_hub_whose_clock_was_not_set(small: HubSession, tmp_path: Path) -> None:
+    for name, kinds in (("angle_0.json", "timestamps"), ("left_0.json", None)):
+        document = json.loads((small.hub / name).read_text())
+        stamps = document if kinds is None else document[kinds]
+        stamps[:] = [stamp - 1.7e9 for stamp in stamps]
+        (small.hub / name).write_text(json.dumps(document))
+    report, _ = run(small.root, tmp_path / "out")
+    assert report.converted == 3
+    assert any("stamped hours away from all others" in text for text in report.notices)
+
+
+def test_a_folder_of_sessions(small: HubSession, tmp_path: Path) -> None:
+    both = tmp_path / "task"
+    for name in ("batch_1", "batch_2"):
+        shutil.copytree(small.root, both / name)
+    shutil.rmtree(both / "batch_2" / small.hub.name)
+    (both / "batch_2" / small.hub.name).mkdir()
+    plan = plan_conversion(both, from_format="exumi-session")
+    assert [key.split("/")[0] for key in plan.episodes] == ["batch_1"] * 3
+    assert [failure.name for failure in plan.failed] == ["batch_2"]
+
+
 def test_dry_run_writes_nothing(small: HubSession, tmp_path: Path) -> None:
     before = sorted(tmp_path.rglob("*"))
     plan = plan_conversion(small.root, from_format="exumi-session")
