@@ -59,6 +59,8 @@ def simulate(folder: Path, minutes: float, *, small: bool) -> tuple[Path, float]
 def _fill(path: Path, seconds: float) -> None:
     """Append a box that players pass over, until the file has a camera's bit rate."""
     missing = round(seconds * _BYTES_PER_S) - path.stat().st_size
+    if missing < 8:
+        return
     with path.open("ab") as file:
         file.write(missing.to_bytes(4, "big") + b"free")
         left = missing - 8

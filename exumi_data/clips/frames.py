@@ -16,7 +16,9 @@ from exumi_data.store.video import VideoDecoder
 __all__ = ["clip_frames", "clip_size", "fitting"]
 
 
-def clip_frames(path: Path, *, start_ns: int = 0) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+def clip_frames(
+    path: Path, *, start_ns: int = 0, threads: int = 1
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Go through the frames of a video file, grey, with the times that the container states.
 
     Parameters
@@ -24,13 +26,15 @@ def clip_frames(path: Path, *, start_ns: int = 0) -> Iterator[tuple[int, NDArray
     path : pathlib.Path
     start_ns : int, optional
         Time of the container's zero.
+    threads : int, optional
+        That decode.
 
     Raises
     ------
     SourceError
         It is no video.
     """
-    with VideoDecoder(str(path), path) as video:
+    with VideoDecoder(str(path), path, threads=threads) as video:
         base = video.time_base
         for frame in video.frames():
             time = start_ns + round(int(frame.pts or 0) * base * 1_000_000_000)

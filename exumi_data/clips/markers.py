@@ -26,6 +26,9 @@ __all__ = [
 Float64Array = NDArray[np.float64]
 UInt8Array = NDArray[np.uint8]
 
+_SEARCHED_PX = 1000
+_UNTIL = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 30, 0.01)
+
 
 def dictionary_names() -> list[str]:
     """Return the names of the dictionaries that OpenCV has."""
@@ -68,6 +71,14 @@ class MarkerSettings:
     def patterns(self) -> cv2.aruco.Dictionary:
         """OpenCV's dictionary."""
         return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+
+
+def _refined(grey: UInt8Array, corners: Float64Array, step: int) -> Float64Array:
+    """Return corners that were found in a smaller image to parts of a pixel of the whole one."""
+    rough = corners.astype(np.float32).reshape(-1, 1, 2)
+    reach = (2 * step + 1, 2 * step + 1)
+    made = cv2.cornerSubPix(grey, rough, reach, (-1, -1), _UNTIL)
+    return np.asarray(made, np.float64).reshape(4, 2)
 
 
 class MarkerFinder:
@@ -120,13 +131,19 @@ class MarkerFinder:
             )
             raise ValueError(msg)
         grey = np.ascontiguousarray(frame.mean(axis=2) if frame.ndim == 3 else frame, np.uint8)
-        found, numbers, _ = self._detector.detectMarkers(grey)
+        # A marker that can be measured is large: it is looked for in fewer pixels.
+        step = max(1, grey.shape[1] // _SEARCHED_PX)
+        size = grey.shape[1] // step, grey.shape[0] // step
+        small = grey if step == 1 else cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+        found, numbers, _ = self._detector.detectMarkers(small)
         if not len(found):
             return None
         own = np.flatnonzero(np.asarray(numbers).ravel() == self._settings.number)
         if len(own) != 1:
             return None
         corners = np.asarray(found[int(own[0])], np.float64).reshape(4, 2)
+        if step > 1:
+            corners = _refined(grey, (corners + 0.5) * step - 0.5, step)
         pose = self._pose(corners)
         return None if pose is None else (pose, corners)
 

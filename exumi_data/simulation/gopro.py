@@ -106,7 +106,8 @@ class SimulatedGoPro:
         shown = session_start + timedelta(seconds=span_s[0] + self.clock_s)
         with av.open(str(path), "w", format="mp4", options={"write_tmcd": "1"}) as container:
             container.metadata["creation_time"] = shown.strftime("%Y-%m-%dT%H:%M:%SZ")
-            video = container.add_stream(self.codec, rate=self.rate)
+            quick = {"preset": "ultrafast"} if self.codec.startswith("libx26") else {}
+            video = container.add_stream(self.codec, rate=self.rate, options=quick)
             assert isinstance(video, av.VideoStream)  # noqa: S101  # the codec is one
             pixels = draw(0)
             video.height, video.width = pixels.shape[:2]

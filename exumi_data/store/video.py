@@ -122,7 +122,7 @@ def most_pixels(height: int, width: int) -> int:
     return min(MAX_PIXELS, max(_LEAST_PIXELS, (height + _MARGIN) * (width + _MARGIN)))
 
 
-def _open(source: bytes | str | IO[bytes], where: object, pixels: int) -> Any:
+def _open(source: bytes | str | IO[bytes], where: object, pixels: int, threads: int) -> Any:
     file = io.BytesIO(source) if isinstance(source, bytes) else source
     _check_tables(file, where)
     # Twice: while the container is looked through, and in the decoder itself.
@@ -142,7 +142,9 @@ def _open(source: bytes | str | IO[bytes], where: object, pixels: int) -> Any:
     if context is None:  # PyAV's stubs do not know of streams that nothing decodes
         container.close()  # type: ignore[unreachable]
         raise SourceError("there is no decoder for the video", where=where)
-    context.thread_count = 1
+    context.thread_count = threads
+    if threads > 1:
+        context.thread_type = "AUTO"
     context.options = limit
     return container
 
@@ -175,6 +177,8 @@ class VideoDecoder:
         Named in errors.
     pixels : int
         Most pixels of a frame.
+    threads : int
+        That decode: more than one where nothing else is to be done at the same time.
 
     Attributes
     ----------
@@ -197,10 +201,15 @@ class VideoDecoder:
     """
 
     def __init__(
-        self, source: bytes | str | IO[bytes], where: object, *, pixels: int = MAX_PIXELS
+        self,
+        source: bytes | str | IO[bytes],
+        where: object,
+        *,
+        pixels: int = MAX_PIXELS,
+        threads: int = 1,
     ) -> None:
         self.where = where
-        self._container = _open(source, where, pixels)
+        self._container = _open(source, where, pixels, threads)
         stream = self._container.streams.video[0]
         self._stream = stream
         context = stream.codec_context

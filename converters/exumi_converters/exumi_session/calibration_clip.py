@@ -17,6 +17,7 @@ from exumi_converters.exumi_session.hub import PoseSession
 from exumi_data.clips.frames import clip_frames, clip_size, fitting
 from exumi_data.clips.markers import MarkerSettings
 from exumi_data.clips.sweeps import first_sweep
+from exumi_data.engine import default_workers
 from exumi_data.errors import ExumiError
 from exumi_data.model.calibration import Intrinsics
 from exumi_data.synchronisation import LatencyEstimate, search_lag
@@ -91,9 +92,11 @@ class _Watched:
             if time_ns < next_ns:
                 continue
             next_ns = time_ns + round(0.9e9 / _VIEWS_PER_S)
-            height, width = frame.shape
+            step = max(1, frame.shape[1] // (2 * _SMALL_PX))
+            thin = np.ascontiguousarray(frame[::step, ::step])
+            height, width = thin.shape
             small = cv2.resize(
-                frame,
+                thin,
                 (min(_SMALL_PX, width), max(1, height * min(_SMALL_PX, width) // width)),
                 interpolation=cv2.INTER_AREA,
             )
@@ -127,7 +130,7 @@ def look_at(path: Path, camera: Intrinsics, settings: MarkerSettings) -> Seen:
         How it was filmed; for frames of this shape.
     settings : MarkerSettings
     """
-    frames = _Watched(clip_frames(path))
+    frames = _Watched(clip_frames(path, threads=default_workers()))
     looked = iter(frames)
     try:
         fitted = fitting(camera, *clip_size(path), path)

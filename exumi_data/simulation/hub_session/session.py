@@ -350,7 +350,7 @@ def _film_calibration(
         rate=rate,
         drift_ppm=settings.drift_ppm,
         clock_s=settings.zone_s + settings.camera_ahead_s,
-        bit_rate=4_000_000 * settings.calibration_scale**2,
+        bit_rate=2_400_000 * settings.calibration_scale**2,
         codec=settings.codec,
     )
     draw = CalibrationPictures(sweep, truth.width_m(seen), settings.seed)
