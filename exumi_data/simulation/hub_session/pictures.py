@@ -13,7 +13,7 @@ from exumi_data.clips.markers import MarkerSettings
 from exumi_data.simulation.sweep import SimulatedSweep
 from exumi_data.simulation.sweep_recording import CAMERA, sweep_frames
 
-__all__ = ["CalibrationPictures", "FingerPictures", "numbered_picture", "read_number"]
+__all__ = ["CalibrationPictures", "FingerPictures", "ScenePictures", "read_number"]
 
 UInt8Array = NDArray[np.uint8]
 Float64Array = NDArray[np.float64]
@@ -107,11 +107,37 @@ class FingerPictures:
         return picture
 
 
-def numbered_picture(number: int, size: tuple[int, int]) -> UInt8Array:
-    """Return what a camera sees in a demonstration that nobody looks at, (H, W, 3) uint8."""
-    picture = np.full((*size, 3), 40 + number % 150, np.uint8)
-    draw_number(picture, number)
-    return picture
+class ScenePictures:
+    """Draws what the camera sees in a demonstration that nobody looks at.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Height and width.
+    textured : bool
+        Whether a scene goes by, as costly to encode and decode as a real one; else all is grey.
+    seed : int
+    """
+
+    def __init__(self, size: tuple[int, int], *, textured: bool, seed: int) -> None:
+        self._size = size
+        self._scene: UInt8Array | None = None
+        if textured:
+            rng = np.random.default_rng((seed, 85))
+            coarse = rng.integers(0, 255, (size[0] // 4, size[1] // 4, 3), np.uint8)
+            smooth = cv2.GaussianBlur(coarse, (0, 0), 3)
+            stretched = cv2.normalize(smooth, None, 0, 243, cv2.NORM_MINMAX)  # type: ignore[call-overload]  # it makes its own array
+            large = cv2.resize(stretched, size[::-1], interpolation=cv2.INTER_CUBIC)
+            self._scene = np.asarray(large, np.uint8) + rng.integers(0, 12, (*size, 3), np.uint8)
+
+    def __call__(self, number: int) -> UInt8Array:
+        """Return a frame, (H, W, 3) uint8."""
+        if self._scene is None:
+            picture = np.full((*self._size, 3), 40 + number % 150, np.uint8)
+        else:
+            picture = np.roll(self._scene, (2 * number, 3 * number), (0, 1))
+        draw_number(picture, number)
+        return picture
 
 
 @dataclass

@@ -28,7 +28,7 @@ from exumi_data.simulation.hub_session.files import (
 from exumi_data.simulation.hub_session.pictures import (
     CalibrationPictures,
     FingerPictures,
-    numbered_picture,
+    ScenePictures,
 )
 from exumi_data.simulation.hub_session.truth import HubTruth, hub_truth
 from exumi_data.simulation.objects import Finger
@@ -70,8 +70,12 @@ class HubSettings:
     tactile_size, rgb_size : (int, int)
         Height and width.
     rgb_rate : Fraction
+    textured : bool
+        Whether demonstrations are as costly to decode as real ones.
     codec : str
         FFmpeg's name of the encoder of demonstrations.
+    bit_rate : int
+        Of demonstrations.
     sweep_s : float
         How long the latency clip's sweep is; 0 for a session without one.
     flexes : int
@@ -99,7 +103,9 @@ class HubSettings:
     tactile_size: tuple[int, int] = (240, 320)
     rgb_size: tuple[int, int] = (72, 96)
     rgb_rate: Fraction = Fraction(60_000, 1001)
+    textured: bool = False
     codec: str = "mpeg4"
+    bit_rate: int = 1_000_000
     sweep_s: float = 8.0
     flexes: int = 6
     telemetry: bool = True
@@ -307,6 +313,7 @@ def _film(
         drift_ppm=settings.drift_ppm,
         clock_s=settings.zone_s + settings.camera_ahead_s,
         codec=settings.codec,
+        bit_rate=settings.bit_rate,
     )
     rng = np.random.default_rng((settings.seed, 97))
     starts: dict[str, float] = {}
@@ -325,7 +332,9 @@ def _film(
             session_start=settings.start,
             seed=settings.seed + number,
             telemetry=settings.telemetry,
-            pictures=lambda index: numbered_picture(index, settings.rgb_size),
+            pictures=ScenePictures(
+                settings.rgb_size, textured=settings.textured, seed=settings.seed + number
+            ),
         )
     return starts
 
