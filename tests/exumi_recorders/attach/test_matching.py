@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from exumi_recorders.attach.matching import Candidate, CommonClock, Match, match_clips
+from exumi_data.synchronisation.matching import Candidate, CommonClock, Match, match_clips
+from exumi_data.synchronisation.motion import Turning
 from exumi_recorders.attach.missing import skipped_numbers, uncovered
-from exumi_recorders.attach.motion import Turning
-from tests.exumi_recorders.attach.test_placing import clip_of, hand, session_of
+from tests.exumi_data.synchronisation.test_placing import clip_of, hand, session_of
 
 DAY_S = 86_400.0
 LENGTH_S = 6.0
