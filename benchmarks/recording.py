@@ -37,7 +37,7 @@ from exumi_recorders.contract import (
     Rows,
     Sample,
 )
-from exumi_recorders.finalise.episode import read_header
+from exumi_recorders.finalise.headers import read_header
 from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.journal.reading import LogReader
 from exumi_recorders.journal.record import HEADER_BYTES, salt_of, unpack_header
@@ -219,7 +219,7 @@ def watch(log: Path, seconds: float) -> None:
 
 def account(journal: Path, began_ns: int, ended_ns: int) -> dict[str, Any]:
     """Say whether every sample that was sent while recording is in the journal."""
-    header = read_header(journal)
+    header, _ = read_header(journal)
     found = {}
     for name, stream in header.streams.items():
         log = LogReader(journal / name, salt_of(EPISODE, name), payload_bytes_of(stream))

@@ -321,8 +321,9 @@ def write_catalog(root: Path, table: "pa.Table") -> Path:
     if obstacle is not None:
         raise UsageError(obstacle, where=root, fix="Remove it first.")
     try:
-        with atomic_file(target) as temporary:
-            pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+        # An open file: of a name, pyarrow takes UTF-8 only.
+        with atomic_file(target) as temporary, temporary.open("wb") as file:
+            pq.write_table(table, file, compression="zstd", write_page_checksum=True)
     except OSError as error:  # Arrow's words name a temporary file
         if error.errno is None:
             raise

@@ -314,6 +314,10 @@ def create_dataset(path: str | os.PathLike[str], metadata: DatasetMetadata) -> P
             where=root,
             fix="Name a new or empty folder.",
         )
+    if root.is_symlink() and not root.exists():
+        raise UsageError(
+            "is a link that leads nowhere", where=root, fix="Make the folder that it leads to."
+        )
     (root / "episodes").mkdir(parents=True, exist_ok=True)
     write_atomic(
         document, (json.dumps(dump(metadata), indent=1, ensure_ascii=False) + "\n").encode()

@@ -15,6 +15,7 @@ from multiprocessing.process import BaseProcess
 from typing import Generic, TypeVar
 
 from exumi_data.errors import ExumiError
+from exumi_data.stopping import Stopped
 
 __all__ = ["Outcome", "default_workers", "map_items", "warm_up"]
 
@@ -40,15 +41,11 @@ def default_workers() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-class _Stopped(SystemExit):
-    """The parent told this worker to end."""
-
-
 def _stop(*_: object) -> None:
     # When one worker has ended, the pool tells the others again, while they still clean up.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     threading.Thread(target=_end_soon, daemon=True).start()
-    raise _Stopped(1)
+    raise Stopped(1)
 
 
 def _end_soon() -> None:
@@ -155,7 +152,7 @@ def _work(function: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]
     """Call `function` in a worker process."""
     try:
         outcome = _call(function, item)
-    except _Stopped:
+    except Stopped:
         # What was half written is removed by now; the pool would go on to the next item.
         os._exit(1)
     except SystemExit as error:

@@ -83,13 +83,42 @@ class StreamView:
         """
         from exumi_data.store.shards import open_array  # keeps the import light
 
+        self._check_has(name)
+        return open_array(self._episode.store, f"{self._path}/{name}").read()
+
+    def rows(self, name: str, start: int, stop: int) -> np.ndarray:
+        """Return part of one of the stream's arrays: for arrays that are too long to hold.
+
+        Parameters
+        ----------
+        name : str
+            One of ``metadata.arrays``.
+        start, stop : int
+            Along the first axis.
+
+        Returns
+        -------
+        ndarray
+
+        Raises
+        ------
+        UsageError
+            The stream has no such array.
+        DamagedDataError
+            It has, but the array is missing or damaged.
+        """
+        from exumi_data.store.shards import open_array  # keeps the import light
+
+        self._check_has(name)
+        return open_array(self._episode.store, f"{self._path}/{name}").rows(start, stop)
+
+    def _check_has(self, name: str) -> None:
         if name not in self.metadata.arrays:
             raise UsageError(
                 f"stream {self.name!r} has no array {name!r}",
                 where=self._episode.path,
                 fix=f"It has: {', '.join(self.metadata.arrays)}.",
             )
-        return open_array(self._episode.store, f"{self._path}/{name}").read()
 
     def _optional(self, name: str) -> np.ndarray | None:
         return self.array(name) if name in self.metadata.arrays else None

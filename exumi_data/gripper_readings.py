@@ -28,6 +28,7 @@ __all__ = [
     "GRIPPER_METHOD",
     "GripperMap",
     "GripperReadings",
+    "check_openings",
     "fit_gripper",
     "gripper_item",
     "read_gripper_file",
@@ -40,6 +41,7 @@ GRIPPER_METHOD = "exumi-gripper-pchip/1"
 _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 # Travel of a gripper, metres: openings in another unit than was said are found by it.
 _LEAST_TRAVEL_M, _MOST_TRAVEL_M = 0.02, 0.4
+_SHORTEST_TRAVEL_M = 0.005
 _FEWEST = 5
 _MOST_STEP_M = 0.0201
 _POINTS_PER_STEP = 8
@@ -47,6 +49,10 @@ _MODULUS = 4096
 # Of a rule or a gauge block held between the fingers, and of a count.
 _GAUGE_M = 5e-4
 _QUANTUM = 1.0 / math.sqrt(12.0)
+# The map is monotone, so a wrong reading shows by what its neighbours say of it.
+_MOST_MISSED_STEPS = 0.5
+_MOST_MISSED_GAUGES = 5.0
+_STILL_COUNTS = 8.0
 # A point that is left out is predicted by its neighbours: their errors are in it as well.
 _OWN_SHARE = math.sqrt(1.5)
 _MOST_SPREAD_COUNTS = 40.0
@@ -65,16 +71,16 @@ class GripperReadings:
     opening_m : tuple of float
         Metres, one for each group of readings.
     counts : tuple of ndarray
-        What the encoder said there, (n,) int64 each.
-    modulus : int
-        Where the counts wrap.
+        What the encoder said there, (n,) int64 or, where somebody averaged, float64 each.
+    modulus : int or None
+        Where the counts wrap; None where they hold their turns.
     notes : tuple of str
         What was found on the way, such as a unit that was not the one that was said.
     """
 
     opening_m: tuple[float, ...]
-    counts: tuple[NDArray[np.int64], ...]
-    modulus: int = _MODULUS
+    counts: tuple[NDArray[np.int64] | Float64Array, ...]
+    modulus: int | None = _MODULUS
     notes: tuple[str, ...] = ()
 
 
@@ -94,7 +100,8 @@ class GripperMap:
         What the map misses an opening by when it is made without it; NaN at both ends.
     uncertainty_m : float
         Standard deviation of an opening: readings, gauge, and what the map misses.
-    modulus : int
+    modulus : int or None
+        Where the counts wrap; None where the map goes on for more than a turn.
     notes : tuple of str
     """
 
@@ -103,7 +110,7 @@ class GripperMap:
     knots: Float64Array
     residual_m: Float64Array
     uncertainty_m: float
-    modulus: int
+    modulus: int | None
     notes: tuple[str, ...]
 
     @property
@@ -132,14 +139,25 @@ def unwrap(counts: NDArray[np.integer], modulus: int = _MODULUS) -> NDArray[np.i
     return np.concatenate([values[:1], values[:1] + np.cumsum(steps)])
 
 
-def circular_mean(counts: NDArray[np.integer], modulus: int) -> tuple[float, float]:
-    """Return mean and standard deviation of readings on the circle, counts."""
-    turns = np.exp(2j * np.pi * np.asarray(counts, np.float64) / modulus)
-    mean = turns.mean()
-    centre = float(np.angle(mean)) / (2 * np.pi) * modulus % modulus
-    away = (np.asarray(counts, np.float64) - centre + modulus / 2) % modulus - modulus / 2
+def circular_mean(
+    counts: NDArray[np.integer] | NDArray[np.floating], modulus: int | None
+) -> tuple[float, float]:
+    """Return mean and standard deviation of readings, on the circle where they wrap; counts."""
+    values = np.asarray(counts, np.float64)
+    if modulus is None:
+        centre = float(values.mean())
+    else:
+        mean = np.exp(2j * np.pi * values / modulus).mean()
+        centre = float(np.angle(mean)) / (2 * np.pi) * modulus % modulus
+    away = from_mean(values, centre, modulus)
     spread = float(np.sqrt(np.sum(away**2) / max(len(away) - 1, 1)))
     return centre, spread
+
+
+def from_mean(values: NDArray[Any], mean: float, modulus: int | None) -> Float64Array:
+    """Return how far readings are from another, the shorter way round where they wrap; counts."""
+    away = np.asarray(values, np.float64) - mean
+    return away if modulus is None else (away + modulus / 2) % modulus - modulus / 2
 
 
 def fit_gripper(readings: GripperReadings, *, gauge_m: float = _GAUGE_M) -> GripperMap:
@@ -159,7 +177,7 @@ def fit_gripper(readings: GripperReadings, *, gauge_m: float = _GAUGE_M) -> Grip
     ------
     CalibrationRefusedError
         There are too few openings, they are too far apart, readings at one opening scatter, or the
-        counts do not go one way.
+        counts do not go one way; or an opening does not fit between its neighbours.
     """
     means, spreads = (
         zip(*(circular_mean(counts, readings.modulus) for counts in readings.counts), strict=True)
@@ -169,22 +187,30 @@ def fit_gripper(readings: GripperReadings, *, gauge_m: float = _GAUGE_M) -> Grip
     order = np.argsort(readings.opening_m, kind="stable")
     opening = np.array(readings.opening_m, np.float64)[order]
     spread = np.array(spreads)[order]
-    _check_openings(opening, spread)
+    check_openings(opening)
+    _check_spread(opening, spread)
     raw = _unwrapped_means(np.array(means)[order], opening, readings.modulus)
     if raw[-1] < raw[0]:
         points_raw, points_opening = raw[::-1], opening[::-1]
     else:
         points_raw, points_opening = raw, opening
-    # The map's first count lies within the encoder's own.
-    points_raw = points_raw - readings.modulus * math.floor(points_raw[0] / readings.modulus)
     fine, width, bent = _sampled(points_raw, points_opening)
     residual = _left_out(points_raw, points_opening)
+    _check_missed(points_opening, residual, gauge_m)
     slope = float(np.abs(np.gradient(points_opening, points_raw)).max())
     reading = math.hypot(float(np.sqrt(np.mean(spread**2))), _QUANTUM) * slope
     missed = float(np.sqrt(np.nanmean(residual**2))) / _OWN_SHARE
+    modulus = readings.modulus
+    travel = float(points_raw[-1] - points_raw[0])
     notes = [*readings.notes]
-    if points_raw[-1] >= readings.modulus:
-        notes.append(f"the counts run over {readings.modulus - 1} to 0 within the range")
+    if modulus is not None and travel > modulus:
+        notes.append(
+            f"the travel is {travel / modulus:.2f} turns: the driver has to count them, by "
+            f"home = {round(raw[0]) % modulus} in the rig file"
+        )
+        modulus = None
+    elif modulus is not None and (points_raw[0] < 0 or points_raw[-1] >= modulus):
+        notes.append(f"the counts run over {modulus - 1} to 0 within the range")
     if bent > 0.1 * gauge_m:
         notes.append(f"linear pieces leave the cubic by up to {1e3 * bent:.2f} mm")
     if raw[-1] < raw[0]:
@@ -192,21 +218,39 @@ def fit_gripper(readings: GripperReadings, *, gauge_m: float = _GAUGE_M) -> Grip
     return GripperMap(
         raw=fine,
         opening_m=width,
-        knots=np.stack([opening, np.mod(raw, readings.modulus)], axis=1),
+        knots=np.stack([opening, raw if modulus is None else np.mod(raw, modulus)], axis=1),
         residual_m=residual,
         uncertainty_m=math.hypot(gauge_m, reading, missed),
-        modulus=readings.modulus,
+        modulus=modulus,
         notes=tuple(notes),
     )
 
 
-def _check_openings(opening_m: Float64Array, spread: Float64Array) -> None:
-    if len(opening_m) < _FEWEST:
+def check_openings(openings_m: Sequence[float] | Float64Array) -> None:
+    """Refuse openings that make no map.
+
+    Parameters
+    ----------
+    openings_m : sequence of float
+        Metres, in any order.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        There are too few, one is negative or there twice, they are too far apart, or they span
+        what no gripper does.
+    """
+    ordered = sorted(float(opening) for opening in openings_m)
+    if len(ordered) < _FEWEST:
         raise CalibrationRefusedError(
-            f"there are {len(opening_m)} openings, needed are {_FEWEST}",
+            f"there are {len(ordered)} openings, needed are {_FEWEST}",
             fix="Set the gripper to one opening a centimetre, from closed to open.",
         )
-    for low, high in pairwise(opening_m):
+    if ordered[0] < 0:
+        raise CalibrationRefusedError(
+            f"an opening of {1e3 * ordered[0]:g} mm", fix="Openings begin at 0, closed."
+        )
+    for low, high in pairwise(ordered):
         if high <= low:
             raise CalibrationRefusedError(
                 f"the opening of {1e3 * low:.1f} mm is there twice",
@@ -217,6 +261,15 @@ def _check_openings(opening_m: Float64Array, spread: Float64Array) -> None:
                 f"nothing between {1e3 * low:.0f} and {1e3 * high:.0f} mm: too coarse",
                 fix="Set the gripper to one opening a centimetre.",
             )
+    span = ordered[-1] - ordered[0]
+    if not _SHORTEST_TRAVEL_M <= span <= _MOST_TRAVEL_M:
+        raise CalibrationRefusedError(
+            f"the openings span {1e3 * span:.3g} mm, which no gripper does",
+            fix="Say in which unit they are: --unit m, cm or mm.",
+        )
+
+
+def _check_spread(opening_m: Float64Array, spread: Float64Array) -> None:
     worst = int(spread.argmax())
     if spread[worst] > _MOST_SPREAD_COUNTS:
         raise CalibrationRefusedError(
@@ -225,10 +278,31 @@ def _check_openings(opening_m: Float64Array, spread: Float64Array) -> None:
         )
 
 
-def _unwrapped_means(means: Float64Array, opening_m: Float64Array, modulus: int) -> Float64Array:
-    """Return mean counts that go on over the encoder's end; refuse what does not go one way."""
-    steps = (np.diff(means) + modulus / 2) % modulus - modulus / 2
-    coarse = np.abs(steps) > modulus / 4
+def _check_missed(opening_m: Float64Array, missed_m: Float64Array, gauge_m: float) -> None:
+    """Refuse an opening that is far from where its neighbours say that it is."""
+    between = np.abs(opening_m[2:] - opening_m[:-2]) / 2
+    most = np.maximum(_MOST_MISSED_STEPS * between, _MOST_MISSED_GAUGES * gauge_m)
+    beyond = np.abs(missed_m[1:-1]) / most
+    worst = int(beyond.argmax())
+    if beyond[worst] > 1:
+        raise CalibrationRefusedError(
+            f"the opening of {1e3 * opening_m[worst + 1]:.0f} mm does not fit between its "
+            f"neighbours: the map without it misses it by {1e3 * missed_m[worst + 1]:+.1f} mm",
+            fix="Set and read it and its neighbours again.",
+        )
+
+
+def _unwrapped_means(
+    means: Float64Array, opening_m: Float64Array, modulus: int | None
+) -> Float64Array:
+    """Return mean counts that go on over the encoder's end; refuse what does not go one way.
+
+    The count at the smallest opening is as the encoder says it: there its turns are counted from.
+    """
+    steps = np.diff(means)
+    if modulus is not None:
+        steps = (steps + modulus / 2) % modulus - modulus / 2
+    coarse = np.abs(steps) > (math.inf if modulus is None else modulus / 4)
     if coarse.any():
         at = int(coarse.argmax())
         raise CalibrationRefusedError(
@@ -236,7 +310,13 @@ def _unwrapped_means(means: Float64Array, opening_m: Float64Array, modulus: int)
             f"{steps[at]:+.0f} of {modulus}: too far to know which way round",
             fix="Take smaller steps, or look for a wrong reading there.",
         )
-    way = 1.0 if steps.sum() > 0 else -1.0
+    if np.abs(np.cumsum(steps)).max() < _STILL_COUNTS:
+        raise CalibrationRefusedError(
+            f"the counts hardly change, {means[0]:.0f} to {means[-1]:.0f}",
+            fix="Look whether the encoder turns with the gripper, and at its magnet.",
+        )
+    # By most of the steps: one wrong reading can be as large as the way.
+    way = 1.0 if np.median(np.sign(steps)) >= 0 else -1.0
     wrong = way * steps <= 0
     if wrong.any():
         at = int(wrong.argmax())
@@ -245,13 +325,7 @@ def _unwrapped_means(means: Float64Array, opening_m: Float64Array, modulus: int)
             f"{means[at + 1]:.0f} at {1e3 * opening_m[at + 1]:.0f} mm",
             fix="Read these openings again.",
         )
-    raw = means[0] + np.concatenate([[0.0], np.cumsum(steps)])
-    if abs(raw[-1] - raw[0]) >= modulus:
-        raise CalibrationRefusedError(
-            f"the travel is {abs(raw[-1] - raw[0]):.0f} counts, more than the {modulus} of a turn",
-            fix="A count would stand for two openings: another gear is needed.",
-        )
-    return np.asarray(raw)
+    return np.asarray(means[0] + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
 def _sampled(
@@ -299,7 +373,7 @@ def gripper_item(found: GripperMap) -> CalibrationItem:
                 "data": [round(float(value), 7) for value in found.opening_m],
             },
             "range_m": [round(float(value), 7) for value in sorted(found.opening_m[[0, -1]])],
-            "modulus": found.modulus,
+            **({} if found.modulus is None else {"modulus": found.modulus}),
             "openings_m": [round(float(value), 7) for value in found.knots[:, 0]],
             "counts": [round(float(value), 2) for value in found.knots[:, 1]],
         },
@@ -346,25 +420,25 @@ def read_gripper_file(path: Path, *, unit: str | None = None) -> GripperReadings
     else:
         stated, pairs, modulus = _json_pairs(load_json(raw, path), path)
     scale, notes = _scale([opening for opening, _ in pairs], stated, unit)
-    groups: dict[float, list[int]] = {}
+    groups: dict[float, list[float]] = {}
     for opening, count in pairs:
         groups.setdefault(round(opening * scale, 7), []).append(count)
     return GripperReadings(
-        tuple(groups), tuple(np.array(c, np.int64) for c in groups.values()), modulus, notes
+        tuple(groups), tuple(np.array(c, np.float64) for c in groups.values()), modulus, notes
     )
 
 
 def _json_pairs(
     document: Mapping[str, Any], where: Path
-) -> tuple[str, list[tuple[float, int]], int]:
+) -> tuple[str, list[tuple[float, float]], int]:
     try:
         metadata = document["metadata"]
         stated = str(metadata["unit"])
         low, high = (int(value) for value in metadata.get("sensor_range", (0, _MODULUS - 1)))
-        pairs = [(float(opening), int(count)) for opening, count in document["calibration"]]
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        pairs = [(float(opening), float(count)) for opening, count in document["calibration"]]
+    except (KeyError, TypeError, ValueError, AttributeError):
         raise SourceError(
-            f"no calibration of a gripper ({error!r})",
+            "no calibration of a gripper",
             where=where,
             fix='Expected {"metadata": {"unit"}, "calibration": [[opening, count], ...]}.',
         ) from None
@@ -374,26 +448,31 @@ def _json_pairs(
     return stated, _checked(pairs, modulus, where), modulus
 
 
-def _csv_pairs(raw: bytes, where: Path) -> tuple[str, list[tuple[float, int]], int]:
+def _csv_pairs(raw: bytes, where: Path) -> tuple[str, list[tuple[float, float]], int]:
     try:
         rows = list(csv.DictReader(io.StringIO(raw.decode("utf-8-sig"))))
         columns = [name for name in rows[0] if name.startswith("opening_")]
         (column,) = columns
-        pairs = [(float(row[column]), int(row["count"])) for row in rows]
-    except (UnicodeDecodeError, csv.Error, IndexError, KeyError, TypeError, ValueError) as error:
+        pairs = [(float(row[column]), float(row["count"])) for row in rows]
+    except (UnicodeDecodeError, csv.Error, IndexError, KeyError, TypeError, ValueError):
         raise SourceError(
-            f"no readings of a gripper ({error!r})",
+            "no readings of a gripper",
             where=where,
-            fix="Expected columns: count, and one of opening_m, opening_cm, opening_mm.",
+            fix="Expected columns, divided by commas: count, and one of opening_m, opening_cm, "
+            "opening_mm.",
         ) from None
     return column.removeprefix("opening_"), _checked(pairs, _MODULUS, where), _MODULUS
 
 
-def _checked(pairs: list[tuple[float, int]], modulus: int, where: Path) -> list[tuple[float, int]]:
+def _checked(
+    pairs: list[tuple[float, float]], modulus: int, where: Path
+) -> list[tuple[float, float]]:
     for opening, count in pairs:
         # 0 is a reading like any other.
         if not 0 <= count < modulus or not math.isfinite(opening) or opening < 0:
-            raise SourceError(f"opening {opening:g} with count {count} is no reading", where=where)
+            raise SourceError(
+                f"opening {opening:g} with count {count:g} is no reading", where=where
+            )
     return pairs
 
 
@@ -427,7 +506,7 @@ def readings_at_rest(
     counts: NDArray[np.integer],
     openings_m: Sequence[float],
     *,
-    modulus: int = _MODULUS,
+    modulus: int | None = _MODULUS,
 ) -> GripperReadings:
     """Find the readings in a recording in which the gripper was set to openings, one by one.
 
@@ -439,6 +518,7 @@ def readings_at_rest(
     openings_m : sequence of float
         In the order in which they were set, metres; each was held for a second or more.
     modulus : int, optional
+        Where the counts wrap; None where they hold their turns.
 
     Returns
     -------
@@ -449,7 +529,7 @@ def readings_at_rest(
     CalibrationRefusedError
         The gripper rested another number of times.
     """
-    steady = unwrap(counts, modulus)
+    steady = np.asarray(counts, np.int64) if modulus is None else unwrap(counts, modulus)
     rests = _rests(time_ns, steady)
     if len(rests) != len(openings_m):
         found = ", ".join(str(round(float(np.median(steady[rest])))) for rest in rests)

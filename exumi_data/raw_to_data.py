@@ -37,6 +37,19 @@ class RawToData:
         """How far apart the highest and the lowest value of `data` are."""
         return float(np.ptp(self.data))
 
+    def beyond_a_turn(self, modulus: int | None) -> str | None:
+        """Return what is wrong with the map where counts wrap; None where nothing is.
+
+        Parameters
+        ----------
+        modulus : int, optional
+            Where they wrap.
+        """
+        counts = self.raw[-1] - self.raw[0]
+        if modulus is None or counts <= modulus:
+            return None
+        return f"goes over {counts:.0f} counts, which begin anew after {modulus}"
+
     def at(self, values: np.ndarray, modulus: int | None = None) -> npt.NDArray[np.float64]:
         """Return what values stand for.
 
@@ -51,7 +64,7 @@ class RawToData:
         Returns
         -------
         (N,) float64
-            NaN beyond the map's ends.
+            NaN beyond the map's ends, and everywhere where the map is `beyond_a_turn`.
         """
         raw = self._turned(values, modulus)
         return np.asarray(np.interp(raw, self.raw, self.data, left=np.nan, right=np.nan))
@@ -81,6 +94,8 @@ class RawToData:
     def _turned(self, values: np.ndarray, modulus: int | None) -> npt.NDArray[np.float64]:
         """Return values at the turn of the map, where they wrap."""
         raw = values.astype(np.float64)
+        if self.beyond_a_turn(modulus) is not None:
+            return np.full_like(raw, np.nan)  # a count stands for several numbers
         if modulus is not None:
             middle = (self.raw[0] + self.raw[-1]) / 2
             raw -= modulus * np.floor((raw - middle) / modulus + 0.5)

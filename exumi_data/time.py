@@ -23,9 +23,11 @@ __all__ = [
     "apply_clock",
     "bracket_indices",
     "format_rate",
+    "format_utc",
     "nearest_indices",
     "nominal_times",
     "parse_rate",
+    "parse_utc",
     "rate_statistics",
     "strictly_increasing",
 ]
@@ -44,6 +46,10 @@ consecutive losses for certain.
 """
 
 _RATE = re.compile(r"([0-9]{1,18})(?:/([0-9]{1,18}))?")
+_UTC = re.compile(
+    r"(?P<minutes>[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2})"
+    r":(?P<seconds>[0-9]{2})(\.(?P<fraction>[0-9]{1,9}))?Z"
+)
 _SPLIT_BITS = 31
 
 
@@ -139,6 +145,45 @@ def format_rate(rate: Fraction) -> str:
     if rate <= 0:
         raise ValueError(f"invalid rate {rate}: it must be positive")
     return f"{rate.numerator}/{rate.denominator}"
+
+
+def format_utc(utc_ns: int) -> str:
+    """Write a time as a timestamp of the format (RFC 3339, UTC), exact to the nanosecond.
+
+    Parameters
+    ----------
+    utc_ns : int
+        Nanoseconds since 1970.
+    """
+    seconds, rest = divmod(utc_ns, NS_PER_S)
+    return f"{np.datetime_as_string(np.datetime64(seconds, 's'))}.{rest:09d}Z"
+
+
+def parse_utc(text: str) -> int:
+    """Read a timestamp of the format; a leap second counts as the second after it.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``2026-03-01T10:20:30.5Z``.
+
+    Returns
+    -------
+    int
+        Nanoseconds since 1970.
+
+    Raises
+    ------
+    ValueError
+        It is no such timestamp.
+    """
+    found = _UTC.fullmatch(text)
+    if found is None:
+        msg = f"{text!r} is no UTC timestamp"
+        raise ValueError(msg)
+    minutes = int(np.datetime64(found["minutes"], "m").astype(np.int64))
+    whole = minutes * 60 + int(found["seconds"])
+    return whole * NS_PER_S + int((found["fraction"] or "0").ljust(9, "0"))
 
 
 def nominal_times(n: int, rate: Fraction) -> Int64Array:

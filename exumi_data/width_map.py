@@ -8,10 +8,12 @@ import numpy.typing as npt
 
 from exumi_data.raw_to_data import KEY, RawToData, read_map, read_range
 
-__all__ = ["WIDTH_MAP", "WidthMap", "read_width_map"]
+__all__ = ["NOT_CALIBRATED", "WIDTH_MAP", "WidthMap", "read_width_map"]
 
 WIDTH_MAP = "width_map"
 """The calibration item; its value states ``raw_to_data``, and may state ``range_m``."""
+NOT_CALIBRATED = "width-not-calibrated"
+"""Code of the quality note of a stream that was recorded without it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,14 +56,19 @@ class WidthMap(RawToData):
         return widths, ~inside
 
 
-def read_width_map(value: object) -> WidthMap | str:
+def read_width_map(value: object, modulus: int | None = None) -> WidthMap | str:
     """Read the map out of a calibration item's value; a text says what is wrong with it.
 
     Parameters
     ----------
     value : object
+    modulus : int, optional
+        Where the counts wrap that it is for.
     """
     stated = read_map(value)
     if not isinstance(stated, RawToData):
         return f"it states no `{KEY}`" if stated is None else f"its `{KEY}` {stated}"
+    beyond = stated.beyond_a_turn(modulus)
+    if beyond is not None:
+        return f"its `{KEY}` {beyond}"
     return WidthMap(stated.raw, stated.data, read_range(value))

@@ -14,6 +14,7 @@ from exumi_converters.converter import (
     EpisodeSource,
     NamedSplit,
     SourceFile,
+    SourceMembers,
 )
 from exumi_converters.exporter import Exporter, ExportItem, ExportOptions, ExportPlan, Loss, Part
 from exumi_converters.exporting import export, plan_export
@@ -55,6 +56,7 @@ __all__ = [
     "PrepareReport",
     "Progress",
     "SourceFile",
+    "SourceMembers",
     "convert",
     "converters",
     "differences",

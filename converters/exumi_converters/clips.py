@@ -17,6 +17,7 @@ from exumi_converters.format_options import FormatOptions
 from exumi_converters.frame_files import add_lossy
 from exumi_converters.identity import relative_name
 from exumi_converters.image_stream import AddedStream, StreamSpec
+from exumi_converters.lerobot_dataset.documents import is_dataset
 from exumi_converters.source_folder import count_names, source_files
 from exumi_converters.video_episode import add_video
 from exumi_data.errors import SourceError, UsageError
@@ -57,8 +58,8 @@ class ClipsConverter:
     options = FormatOptions
 
     def recognise(self, source: Path) -> str | None:
-        """Recognise a folder by its videos."""
-        if not source.is_dir():
+        """Recognise a folder by its videos, unless it says that they are part of something."""
+        if not source.is_dir() or is_dataset(source):
             return None
         found = next((path for path in source_files(source) if probe_video(path.name)), None)
         return None if found is None else f"a folder of videos, such as {found.name}"

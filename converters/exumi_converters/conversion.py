@@ -248,7 +248,7 @@ def _metadata(item: EpisodeSource, converter: Converter) -> EpisodeMetadata:
         "quality": [dump(note) for note in item.quality],
         "settings": item.settings,
     }
-    return EpisodeMetadata(
+    metadata = EpisodeMetadata(
         id=episode_id(scheme, source_digest(item.files, inputs), item.key),
         start=None,
         task=item.task,
@@ -267,3 +267,6 @@ def _metadata(item: EpisodeSource, converter: Converter) -> EpisodeMetadata:
             settings_sha256=settings_digest(shaping),
         ),
     )
+    if item.parent_id is not None:
+        metadata.source.parent_id = item.parent_id
+    return metadata

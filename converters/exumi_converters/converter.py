@@ -4,7 +4,7 @@ A converter knows one format and nothing of ids, resuming, processes or catalogs
 does that for all of them (``run.py``).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -21,6 +21,7 @@ __all__ = [
     "EpisodeSource",
     "NamedSplit",
     "SourceFile",
+    "SourceMembers",
 ]
 
 
@@ -69,6 +70,20 @@ class ConvertOptions:
     settings: Mapping[str, str] = field(default_factory=dict)
 
 
+class SourceMembers(Protocol):
+    """What one episode is made from, of a file or folder that holds many.
+
+    It travels to a worker with its episode.
+    """
+
+    def __iter__(self) -> Iterator[tuple[str, bytes]]:
+        """Yield name and content of each member, in a stable order.
+
+        The names and contents do not depend on how the members are packed.
+        """
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class SourceFile:
     """A file, or a folder of files, that an episode is made from.
@@ -82,11 +97,14 @@ class SourceFile:
     identifies : bool
         Whether its content makes the episode's id. A table beside a video does not: when it
         changes, the same episode gets a new revision.
+    members : SourceMembers, optional
+        The part of it that the episode is made from: nothing else of it is read or makes the id.
     """
 
     path: Path
     name: str
     identifies: bool = True
+    members: SourceMembers | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,9 +131,11 @@ class EpisodeSource:
         Published splits: name of the split to the list that this episode is in.
     estimated_bytes : int, optional
         How big the episode will be, where that is not about the size of its files.
+    parent_id : str, optional
+        Of the episode that the source was written from.
     derived : tuple of str, optional
-        Derived arrays without which an episode of an earlier run is not complete, such as
-        ``tactile/activity``. Default: the activity of all tactile streams.
+        Derived arrays without which the episode is not complete; default: the activity of all
+        tactile streams.
     """
 
     key: str
@@ -128,6 +148,7 @@ class EpisodeSource:
     quality: tuple[QualityNote, ...] = ()
     splits: Mapping[str, str] = field(default_factory=dict)
     estimated_bytes: int | None = None
+    parent_id: str | None = None
     derived: tuple[str, ...] | None = None
 
 

@@ -1,26 +1,15 @@
 """The dataset that a run writes into: made or taken up, and its catalog and splits kept true."""
 
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from exumi_converters.documents import to_json
-from exumi_data.catalog import (
-    CATALOG_NAME,
-    EPISODES_FOLDER,
-    build_catalog,
-    list_episodes,
-    read_catalog,
-    rows_to_table,
-    write_catalog,
-)
-from exumi_data.dataset import DATASET_DOCUMENT, create_dataset
-from exumi_data.errors import ExumiError, UsageError
+from exumi_data.catalog import CATALOG_NAME, list_episodes
+from exumi_data.dataset import DATASET_DOCUMENT
+from exumi_data.destination import is_current, take_up, update_catalog
 from exumi_data.model import DatasetMetadata, SplitDocument
 from exumi_data.model.documents import dump, parse_dataset, parse_split
-from exumi_data.store.access import open_store
-from exumi_data.store.digest import digest_of
 from exumi_data.store.files import write_atomic
 
 __all__ = ["drop_catalog", "open_destination", "refresh_catalog", "write_splits"]
@@ -41,13 +30,7 @@ def open_destination(path: Path, metadata: DatasetMetadata) -> Path:
     UsageError
         The folder holds something else, or cannot be written.
     """
-    try:
-        root = create_dataset(path, metadata)
-        (root / EPISODES_FOLDER).mkdir(exist_ok=True)
-    except OSError as error:
-        raise UsageError(
-            f"cannot be made ({error.strerror})", where=path, fix="Name a folder you may write to."
-        ) from None
+    root = take_up(path, metadata)
     document = root / DATASET_DOCUMENT
     found = parse_dataset(document.read_bytes(), document)
     if _maker(found) == _maker(metadata):
@@ -95,43 +78,9 @@ def refresh_catalog(
         Episodes that cannot be read, and why.
     """
     old = {row["path"]: row for row in known}
-    rows, todo = [], []
-    for path in list_episodes(root):
-        row = fresh.get(path) or _unchanged(root, path, old.get(path))
-        if row is None:
-            todo.append(path)
-        else:
-            rows.append(row)
-    failed = []
-    if todo:
-        built, problems = build_catalog(root, paths=todo, workers=workers)
-        rows += built.to_pylist()
-        failed = [f"not in the catalog, because it cannot be read: {p.error}" for p in problems]
-    table = rows_to_table(rows)
-    before = read_catalog(root)
-    if before is None or not table.equals(before):
-        write_catalog(root, table)
-    return failed
-
-
-def _unchanged(root: Path, path: str, row: dict[str, Any] | None) -> dict[str, Any] | None:
-    """Return an old row, if the documents of the episode are the ones that it was made from."""
-    if row is None:
-        return None
-    try:
-        store = open_store(root / path)
-    except ExumiError:
-        return None
-    try:
-        if hashlib.sha256(store.read("zarr.json")).hexdigest() != row["root_sha256"]:
-            return None
-        has_derived = row["derived_digest"] is not None
-        same = not has_derived or digest_of(store, derived=True) == row["derived_digest"]
-        return row if same else None
-    except (ExumiError, OSError):
-        return None
-    finally:
-        store.close()
+    unsure = [path for path in list_episodes(root) if path in old and path not in fresh]
+    same = {path: old[path] for path in unsure if is_current(root / path, old[path])}
+    return update_catalog(root, {**same, **fresh}, workers=workers)
 
 
 def write_splits(

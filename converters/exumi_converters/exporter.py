@@ -134,6 +134,8 @@ class Exporter(Protocol):
     """Of what it writes: raise it when the same episodes give other files than before."""
     describes: str
     """One line for the user."""
+    keeps: tuple[str, ...]
+    """What of an episode is in the result, in words."""
     loses: Mapping[str, str]
     """Facets of an episode that do not survive, and what happens to them; see `FACETS`."""
     options: type[FormatOptions]

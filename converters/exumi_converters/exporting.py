@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from exumi_converters.exporter import Exporter, ExportItem, ExportOptions, ExportPlan, Part
-from exumi_converters.locks import only_run
 from exumi_converters.registry import exporters, find_exporter
 from exumi_converters.report import ExportReport, Failure, Progress
 from exumi_data import __version__
 from exumi_data.catalog import catalog_row, rows_to_table
 from exumi_data.dataset import Dataset
+from exumi_data.destination import only_run
 from exumi_data.engine import Outcome, default_workers, map_items, warm_up
 from exumi_data.episode import open_episode
 from exumi_data.errors import DamagedDataError, ExumiError, UsageError

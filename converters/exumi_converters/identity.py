@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from exumi_converters.converter import SourceFile
+from exumi_converters.converter import SourceFile, SourceMembers
 from exumi_data.errors import SourceError
 from exumi_data.model import CONVENTION_UUID, InputFile
 from exumi_data.store.digest import sha256_file
@@ -45,6 +45,8 @@ def _lines_digest(lines: list[str]) -> str:
 
 def _digest(file: SourceFile) -> InputFile:
     try:
+        if file.members is not None:
+            return _digest_members(file.name, file.members)
         if file.path.is_dir():
             return _digest_folder(file)
         return InputFile(
@@ -68,11 +70,21 @@ def _digest_folder(file: SourceFile) -> InputFile:
     return InputFile(name=f"{file.name}/", sha256=_lines_digest(lines), bytes=total)
 
 
+def _digest_members(name: str, members: SourceMembers) -> InputFile:
+    """Digest the part of an archive or folder that an episode is made from, as that of a folder."""
+    digest, total = hashlib.sha256(), 0
+    for member, content in members:
+        sha256 = hashlib.sha256(content).hexdigest()
+        digest.update(f"{sha256} {len(content)} {member}\n".encode())
+        total += len(content)
+    return InputFile(name=name, sha256=digest.hexdigest(), bytes=total)
+
+
 def digest_inputs(files: Sequence[SourceFile]) -> list[InputFile]:
     r"""Return name, sha-256 and size of each input.
 
     That of a folder is over the lines ``sha256 size name\n`` of its files, sorted by the bytes of
-    their names.
+    their names; that of members of an archive over their lines, in the order they are given in.
 
     Raises
     ------

@@ -14,6 +14,7 @@ from exumi_data.episode import StreamView
 from exumi_data.errors import UnsupportedError
 from exumi_data.model import (
     ArrayImages,
+    Clock,
     EncodedImages,
     Images,
     LossyStep,
@@ -249,7 +250,20 @@ def carried_fields(view: StreamView) -> dict[str, Any]:
     """Return the fields of a stream's metadata that have nothing to do with its pixels."""
     model = view.metadata
     fields = {name: getattr(model, name) for name in model.model_fields_set - _OF_IMAGES}
-    return {"clock": model.clock, **fields}
+    return {"clock": _carried_clock(model.clock), **fields}
+
+
+def _carried_clock(clock: Clock) -> Clock:
+    """Return a clock for times that are kept without the pts that they were computed from.
+
+    Where a video's frames are stored one by one, its times follow from nothing any more: how they
+    were had, and how well, still holds.
+    """
+    if clock.raw_time is not None:
+        return clock
+    return clock.model_copy(
+        update={"t_ref_ns": 0, "offset_ns": 0, "drift_ppm": 0.0, "latency_ns": 0}
+    )
 
 
 # --------------------------------------------------------------------------------- what is lost

@@ -12,7 +12,17 @@ from exumi_converters.clips import ClipsConverter
 from exumi_converters.converter import Converter
 from exumi_converters.exporter import Exporter
 from exumi_converters.exumi_session import ExumiSessionConverter
+from exumi_converters.hdf5_files.reading import Hdf5Converter
+from exumi_converters.lerobot_dataset.reading import LeRobotConverter
+from exumi_converters.lerobot_dataset.writing import LeRobotExporter
+from exumi_converters.mcap_files.reading import McapConverter
+from exumi_converters.mcap_files.writing import McapExporter
 from exumi_converters.octopi import OctopiConverter
+from exumi_converters.octopi_export import OctopiExporter
+from exumi_converters.oxt.reading import OxtConverter
+from exumi_converters.oxt.writing import OxtExporter
+from exumi_converters.umi.reading import UmiConverter
+from exumi_converters.umi.writing import UmiExporter
 from exumi_data.errors import UsageError
 from exumi_data.plugins import Plugin, load_plugins, refuse_twice
 
@@ -30,11 +40,25 @@ __all__ = [
 ENTRY_POINTS = "exumi.converters"
 EXPORT_ENTRY_POINTS = "exumi.exporters"
 
-_OWN: Mapping[str, Converter] = {
-    converter.name: converter
-    for converter in (ClipsConverter(), OctopiConverter(), ExumiSessionConverter())
-}
-_OWN_EXPORTERS: Mapping[str, Exporter] = {}
+_CONVERTERS: tuple[Converter, ...] = (
+    ClipsConverter(),
+    ExumiSessionConverter(),
+    Hdf5Converter(),
+    LeRobotConverter(),
+    McapConverter(),
+    OctopiConverter(),
+    OxtConverter(),
+    UmiConverter(),
+)
+_EXPORTERS: tuple[Exporter, ...] = (
+    LeRobotExporter(),
+    McapExporter(),
+    OctopiExporter(),
+    OxtExporter(),
+    UmiExporter(),
+)
+_OWN: Mapping[str, Converter] = {converter.name: converter for converter in _CONVERTERS}
+_OWN_EXPORTERS: Mapping[str, Exporter] = {exporter.name: exporter for exporter in _EXPORTERS}
 FORMATS: tuple[str, ...] = tuple(_OWN)
 """Names of the formats that this package reads."""
 EXPORTERS: tuple[str, ...] = tuple(_OWN_EXPORTERS)

@@ -13,24 +13,19 @@ from typing import Any, Generic, Literal, TypeVar
 from pydantic import ValidationError
 
 from exumi_converters.destination import drop_catalog, open_destination, refresh_catalog
-from exumi_converters.locks import only_run
 from exumi_converters.report import Failure, Flag, Progress
-from exumi_converters.resume import (
-    clean_leftovers,
-    existing_path,
-    is_current,
-    next_revision,
-    read_metadata,
-)
+from exumi_converters.resume import existing_path, is_current, next_revision, read_metadata
 from exumi_data.catalog import (
     catalog_row,
     episode_path,
     list_episodes,
     read_catalog,
 )
+from exumi_data.destination import only_run
 from exumi_data.engine import Outcome, default_workers, map_items
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import ExumiError
+from exumi_data.leftovers import clean_leftovers
 from exumi_data.model import DatasetMetadata, EpisodeMetadata
 from exumi_data.model.documents import problems_of
 from exumi_data.store.episode_writer import EpisodeWriter

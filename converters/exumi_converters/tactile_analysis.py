@@ -69,10 +69,15 @@ class TactileAnalysis:
     ----------
     kept_bytes : int
         How much memory grey frames may fill.
+    active_above : float
+        Activity above which a frame counts as active.
     """
 
-    def __init__(self, *, kept_bytes: int = _KEPT_BYTES) -> None:
+    def __init__(
+        self, *, kept_bytes: int = _KEPT_BYTES, active_above: float = ACTIVE_THRESHOLD
+    ) -> None:
         self.count = 0
+        self._active_above = active_above
         self._left = kept_bytes
         self._kept: list[np.ndarray] | None = []
         self._thumbnails: list[np.ndarray] = []
@@ -136,7 +141,7 @@ class TactileAnalysis:
         kept = self._kept
         if kept is not None:
             greys = lambda: kept  # noqa: E731  # the other branch is a method
-        add_activity(writer, stream.name, reference, greys())
+        add_activity(writer, stream.name, reference, greys(), active_above=self._active_above)
         add_salience(writer, stream.name, self._energies)
 
 
@@ -159,7 +164,12 @@ def estimated_note(stream: str, choice: ReferenceChoice) -> QualityNote:
 
 
 def add_activity(
-    writer: EpisodeWriter, stream: str, reference: np.ndarray, greys: Iterable[np.ndarray]
+    writer: EpisodeWriter,
+    stream: str,
+    reference: np.ndarray,
+    greys: Iterable[np.ndarray],
+    *,
+    active_above: float = ACTIVE_THRESHOLD,
 ) -> None:
     """Measure the activity of a stream's frames and store it.
 
@@ -169,13 +179,21 @@ def add_activity(
     stream : str
     reference : (H, W, C) uint8
     greys : iterable of (H, W) uint8
+    active_above : float
+        Stored beside it: which frames count as active.
     """
     meter = ActivityMeter(reference)
-    store_activity(writer, stream, meter, [meter.measure(grey) for grey in greys])
+    values = [meter.measure(grey) for grey in greys]
+    store_activity(writer, stream, meter, values, active_above=active_above)
 
 
 def store_activity(
-    writer: EpisodeWriter, stream: str, meter: ActivityMeter, values: Sequence[float]
+    writer: EpisodeWriter,
+    stream: str,
+    meter: ActivityMeter,
+    values: Sequence[float],
+    *,
+    active_above: float = ACTIVE_THRESHOLD,
 ) -> None:
     """Store the activity of a stream's frames.
 
@@ -186,6 +204,8 @@ def store_activity(
     meter : ActivityMeter
         That measured it.
     values : sequence of float
+    active_above : float
+        Stored beside it: which frames count as active.
     """
     writer.add_derived(
         stream,
@@ -195,7 +215,7 @@ def store_activity(
         parameters={
             "threshold": meter.threshold,
             "size": meter.size,
-            "active_above": ACTIVE_THRESHOLD,
+            "active_above": active_above,
         },
         inputs=[f"streams/{stream}/data", f"streams/{stream}/reference"],
     )

@@ -52,7 +52,7 @@ def check_converter(
     root = _folder(folder)
     found = list(_mistakes_of_description(converter, converters(), "converters"))
     found += _mistakes_of_recognition(converter, Path(source), root)
-    options = options or ConvertOptions()
+    options = options or ConvertOptions(durable=False)
     plan = plan_conversion(source, from_format=converter.name, options=options)
     if len(plan.episodes) < _DOUBLE:
         found.append("the source holds fewer than two episodes: bring more")
@@ -105,7 +105,7 @@ def check_exporter(
     found = list(_mistakes_of_description(exporter, exporters(), "exporters"))
     unknown = sorted(set(exporter.loses) - set(FACETS))
     found += [f"it loses {facet!r}, which is no facet" for facet in unknown]
-    options = options or ExportOptions()
+    options = options or ExportOptions(durable=False)
     before = _tree(root)
     plan = plan_export(dataset, root / name, to_format=exporter.name, options=options)
     if _tree(root) != before:
@@ -213,9 +213,14 @@ def round_trip_differences(
         Keys of `FACETS`.
     """
     root = _folder(folder)
-    export(dataset, root / name, to_format=exporter.name, options=export_options)
+    told = export_options or ExportOptions(durable=False)
+    written = export(dataset, root / name, to_format=exporter.name, options=told)
+    _raise([f"failed: {item.name}: {item.reason}" for item in written.failed])
     report = convert(
-        root / name, root / "back", from_format=converter.name, options=convert_options
+        root / name,
+        root / "back",
+        from_format=converter.name,
+        options=convert_options or ConvertOptions(durable=False),
     )
     _raise([f"failed: {item.name}: {item.reason}" for item in report.failed])
     before, after = open_dataset(dataset), open_dataset(root / "back")

@@ -100,6 +100,7 @@ class Exporter:
     name = "acme-csv"
     version = "1"
     describes = "a folder for each episode, with pose.csv and width.csv"
+    keeps: tuple[str, ...] = ("poses and widths, digit by digit",)
     loses: Mapping[str, str] = {name: "not in the tables" for name in FACETS if name not in _KEPT}
     options: type[FormatOptions] = Options
 

@@ -14,6 +14,18 @@ Results go to stdout, everything else (progress, notes, errors) to stderr. Exit 
 ===  =============================================================================
 """
 
-from exumi_data.cli.app import main
+import signal
 
 __all__ = ["main"]
+
+
+def main() -> None:
+    """Run the program; ends the process with one of the package's exit codes."""
+    # Ctrl-C while everything is still being loaded ends the program without a traceback.
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from exumi_data.cli.app import main as run
+
+    signal.signal(signal.SIGINT, before)
+    run()

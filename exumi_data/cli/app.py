@@ -25,25 +25,19 @@ from exumi_data.cli.failures import (
     open_closed_streams,
     stop_on_signals,
 )
-from exumi_data.cli.options import epilog
+from exumi_data.cli.options import group
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(
+app = group(
+    "Record, convert, check and load tactile robot data: the exUMI Episode toolkit.",
+    "exumi demo",
+    "exumi convert clips/ my-dataset --from octopi --labels labels.csv",
+    "exumi validate my-dataset",
     name="exumi",
     cls=ReportingGroup,
-    help="Record, convert, check and load tactile robot data: the exUMI Episode toolkit.",
-    epilog=epilog(
-        "exumi demo",
-        "exumi convert clips/ my-dataset --from octopi --labels labels.csv",
-        "exumi validate my-dataset",
-    ),
     no_args_is_help=True,
-    # Plain text: rich's help looks richer, and takes three times as long to appear.
-    rich_markup_mode=None,
     add_completion=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    pretty_exceptions_enable=False,
 )
 
 app.command("demo", epilog=demo.EPILOG)(demo.run)

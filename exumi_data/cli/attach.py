@@ -80,6 +80,13 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     marker: MarkerId = 4,
     marker_mm: MarkerSize = 60.0,
     dictionary: MarkerDictionary = "DICT_4X4_50",
+    check_frames: Annotated[
+        bool,
+        typer.Option(
+            "--check-frames",
+            help="Decode every frame of the clips, and list only those that can be decoded.",
+        ),
+    ] = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what belongs where, and write nothing.")
     ] = False,
@@ -109,6 +116,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         without=tuple(without or ()),
         calibration=calibration,
         marker=marker_settings(dictionary, marker, marker_mm),
+        check_frames=check_frames,
         dry_run=dry_run,
     )
     with progress_of("Attaching", quiet=quiet) as update:
@@ -138,7 +146,7 @@ def _print(report: "AttachReport") -> None:
         if clip.start_s is None or clip.sigma_s is None or clip.correlation is None:
             table.add_row(plain(clip.name), "-", "", "", plain(f"{clip.status}: {clip.reason}"))
             continue
-        said = "; ".join((clip.status, *filter(None, (clip.reason,)), *clip.doubts))
+        said = "; ".join((clip.status, *filter(None, (clip.reason,)), *clip.doubts, *clip.notes))
         table.add_row(
             plain(clip.name),
             f"{clip.start_s:.3f} s",
@@ -170,5 +178,5 @@ def _print_notes(report: "AttachReport", *, quiet: bool) -> None:
         return
     for note in report.notices:
         console.print(f"note: {note}", style="dim", markup=False)
-    if not report.dry_run:
+    if any(clip.status in ("attached", "present") for clip in report.clips):
         console.print(f"Next: exumi validate {report.destination}", style="dim", markup=False)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from exumi_data.cli.calibrate_options import OutOption, finish
+from exumi_data.cli.calibrate_options import OutOption, check_out, check_stream, finish
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
 __all__ = ["EPILOG", "run"]
@@ -42,6 +42,8 @@ def run(
     from exumi_recorders.calibration.camera import intrinsics_item, read_intrinsics
     from exumi_recorders.calibration.files import Calibration
 
+    check_out(out)
+    check_stream(stream)
     wanted = None
     if size is not None:
         width, _, height = size.partition("x")
@@ -50,4 +52,4 @@ def run(
         wanted = int(width), int(height)
     camera, residual, method = read_intrinsics(file, fisheye=fisheye, size=wanted)
     name, item = intrinsics_item(camera, residual, method, stream)
-    finish(Calibration({name: item}), out, output)
+    finish(Calibration({name: item}), out, output, [file])

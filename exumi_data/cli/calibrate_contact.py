@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exumi_data.cli.calibrate_options import EpisodeArgument, OutOption, finish
+from exumi_data.cli.calibrate_options import EpisodeArgument, OutOption, check_out, finish
 from exumi_data.cli.options import Format, FormatOption, epilog
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def run(
         ),
     ] = None,
     width: Annotated[
-        str | None, typer.Option(help="Stream of widths. Default: the only one.")
+        str | None, typer.Option(help="Stream of widths. Default: the only one, or width.")
     ] = None,
     output: FormatOption = Format.TEXT,
 ) -> None:
@@ -42,17 +42,18 @@ def run(
     """
     from exumi_data.calibration_items import LATENCY, CalibrationRefusedError
     from exumi_data.cli.failures import FOUND_WRONG
-    from exumi_data.cli.output import error_console
+    from exumi_data.cli.output import error_console, print_json
     from exumi_data.episode import open_episode
     from exumi_data.errors import UsageError
     from exumi_recorders.calibration.contact import contact_item
     from exumi_recorders.calibration.files import Calibration
     from exumi_recorders.calibration.recordings import stream_of
 
+    check_out(out)
     items, refused = {}, {}
     with open_episode(episode) as opened:
         widths = stream_of(opened, "width", width)
-        names = stream or [one.name for one in opened.of_kind("tactile")]
+        names = list(dict.fromkeys(stream or ())) or [one.name for one in opened.of_kind("tactile")]
         if not names:
             raise UsageError("no tactile stream", where=episode, fix="Name a camera: --stream.")
         sigma_s = 1e-9 * (widths.metadata.clock.latency_sigma_ns or 0.0)
@@ -63,7 +64,9 @@ def run(
             except CalibrationRefusedError as error:
                 refused[name] = str(error)
     if items:
-        finish(Calibration(items), out, output, {"refused": refused})
+        finish(Calibration(items), out, output, [episode], {"refused": refused})
+    elif output is Format.JSON:
+        print_json({"file": None, "items": {}, "refused": refused})
     console = error_console()
     for name, reason in refused.items():
         console.print(f"[bold red]refused:[/] {name}: ", end="")
@@ -75,12 +78,17 @@ def run(
 def _latency(episode: "Episode", name: str, widths: "StreamView") -> "ContactLatency":
     from exumi_data.errors import UsageError
     from exumi_recorders.calibration.contact import image_latency, touch_latency
-    from exumi_recorders.calibration.recordings import activity_of, as_stamped, motion_energy
+    from exumi_recorders.calibration.recordings import (
+        activity_of,
+        as_stamped,
+        motion_energy,
+        width_track,
+    )
 
     stream = episode[name]
     stamps = as_stamped(stream)
     if stream.kind == "tactile":
-        return touch_latency(stamps, activity_of(stream), widths.time, widths.data)
+        return touch_latency(stamps, activity_of(stream), *width_track(widths))
     if stream.kind == "rgb":
-        return image_latency(stamps, motion_energy(stream.frames), widths.time, widths.data)
+        return image_latency(stamps, motion_energy(stream.frames), *width_track(widths))
     raise UsageError(f"{name!r} is a stream of kind {stream.kind}", fix="Name touch or a camera.")

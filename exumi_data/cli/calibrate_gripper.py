@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exumi_data.cli.calibrate_options import OutOption, RigOption, asked, finish, numbers
+from exumi_data.cli.calibrate_options import (
+    OutOption,
+    RigOption,
+    asked,
+    check_out,
+    check_stream,
+    finish,
+    numbers,
+    refusing,
+)
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
 if TYPE_CHECKING:
@@ -48,7 +57,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         str | None, typer.Option(help="Of the openings in a file, whatever it says: m, cm, mm.")
     ] = None,
     gauge_mm: Annotated[
-        float, typer.Option(min=0.0, help="How well openings were set: standard deviation.")
+        float,
+        typer.Option(min=0.0, max=10.0, help="How well openings were set: standard deviation."),
     ] = 0.5,
     name: Annotated[str, typer.Option(help="Of the item: raw.transform names it.")] = "width_map",
     output: FormatOption = Format.TEXT,
@@ -59,25 +69,25 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     over the encoder's end. What does not go one way, or is too coarse, is refused.
     """
     from exumi_data.errors import UsageError
-    from exumi_data.gripper_readings import fit_gripper, gripper_item, read_gripper_file
+    from exumi_data.gripper_readings import fit_gripper, gripper_item
     from exumi_recorders.calibration.files import Calibration
 
     if (readings is None) == (rig is None):
         raise UsageError("one of READINGS and --rig", fix="Give the one that you have.")
+    check_out(out)
+    check_stream(name)
     openings = None
     if openings_mm is not None:
         openings = [1e-3 * value for value in numbers(openings_mm, option="--openings-mm")]
-    if rig is not None:
-        found = _live(rig, device, openings)
-    elif openings is not None:
-        assert readings is not None  # noqa: S101  # one of the two was given
-        found = _recorded(readings, stream, openings)
-    else:
-        assert readings is not None  # noqa: S101  # likewise
-        found = read_gripper_file(readings, unit=unit)
-    fitted = fit_gripper(found, gauge_m=1e-3 * gauge_mm)
+    with refusing(output):
+        found = _readings(readings, rig, device, stream, unit, openings)
+        fitted = fit_gripper(found, gauge_m=1e-3 * gauge_mm)
     table = [
-        {"opening_mm": 1e3 * opening, "count": count, "left_out_mm": _number(1e3 * residual)}
+        {
+            "opening_mm": round(1e3 * opening, 4),
+            "count": round(count, 2),
+            "left_out_mm": _number(1e3 * residual),
+        }
         for (opening, count), residual in zip(fitted.knots, fitted.residual_m, strict=True)
     ]
     if output is Format.TEXT:
@@ -89,7 +99,35 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
             cells = (row["opening_mm"], row["count"])
             shown.add_row(*(f"{cell:.1f}" for cell in cells), "" if off is None else f"{off:+.2f}")
         print_table(shown, result_console())
-    finish(Calibration({name: gripper_item(fitted)}), out, output, {"readings": table})
+    finish(Calibration({name: gripper_item(fitted)}), out, output, [readings], {"readings": table})
+
+
+def _readings(  # what a user says of where they are
+    readings: Path | None,
+    rig: str | None,
+    device: str | None,
+    stream: str | None,
+    unit: str | None,
+    openings: list[float] | None,
+) -> "GripperReadings":
+    from exumi_data.errors import UsageError
+    from exumi_data.gripper_readings import check_openings, read_gripper_file
+
+    if openings is not None:
+        # Before the operator sets one after the other.
+        check_openings(openings)
+    if rig is not None:
+        return _live(rig, device, openings)
+    assert readings is not None  # noqa: S101  # one of the two was given
+    if openings is not None:
+        return _recorded(readings, stream, openings)
+    if readings.is_dir() or readings.name.endswith(".zarr.zip"):
+        raise UsageError(
+            "which openings were set in it is not said",
+            where=readings,
+            fix="Name them: --openings-mm 0,10,20,30",
+        )
+    return read_gripper_file(readings, unit=unit)
 
 
 def _live(rig: str, device: str | None, openings: list[float] | None) -> "GripperReadings":
@@ -123,7 +161,9 @@ def _recorded(path: Path, stream: str | None, openings: list[float]) -> "Gripper
                 where=path,
                 fix="Record the encoder's own values.",
             )
-        modulus = getattr(getattr(width.metadata, "raw", None), "modulus", None) or 4096
+        modulus = getattr(getattr(width.metadata, "raw", None), "modulus", None)
+        if modulus is None and raw.dtype.kind == "u":
+            modulus = 4096  # counts with their turns can be negative
         return readings_at_rest(width.time, raw, openings, modulus=modulus)
 
 

@@ -1,7 +1,5 @@
 """``exumi calibrate``: what a rig's sensors mean and when, measured and put into episodes."""
 
-import typer
-
 from exumi_data.cli import (
     calibrate_apply,
     calibrate_camera,
@@ -11,22 +9,17 @@ from exumi_data.cli import (
     calibrate_latency,
     calibrate_tactile,
 )
-from exumi_data.cli.options import epilog
+from exumi_data.cli.options import group
 
 __all__ = ["app"]
 
-app = typer.Typer(
-    help="Calibrate a rig: each verb puts its items into a calibration file, and `apply` brings "
+app = group(
+    "Calibrate a rig: each verb puts its items into a calibration file, and `apply` brings "
     "finished episodes to it. What does not tell is refused, with the reason.",
-    epilog=epilog(
-        "exumi calibrate gripper readings.csv --out rig.json",
-        "exumi calibrate latency sweep.zarr --out rig.json --plot sweep.png",
-        "exumi calibrate apply my-dataset --calibration rig.json",
-    ),
+    "exumi calibrate gripper readings.csv --out rig.json",
+    "exumi calibrate latency sweep.zarr --out rig.json --plot sweep.png",
+    "exumi calibrate apply my-dataset --calibration rig.json",
     no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("gripper", epilog=calibrate_gripper.EPILOG)(calibrate_gripper.run)
 app.command("controller", epilog=calibrate_controller.EPILOG)(calibrate_controller.run)

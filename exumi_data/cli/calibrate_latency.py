@@ -1,5 +1,6 @@
 """``exumi calibrate latency``."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -7,21 +8,25 @@ import typer
 
 from exumi_data.cli.calibrate_options import (
     EpisodeArgument,
+    MarkerCameraOption,
     MarkerDictionary,
     MarkerId,
     MarkerSize,
     OutOption,
     PoseOption,
+    check_out,
+    check_stream,
     finish,
     marker_settings,
     range_of,
+    refusing,
 )
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
 if TYPE_CHECKING:
     from exumi_data.clips.markers import MarkerSettings
     from exumi_data.episode import Episode
-    from exumi_data.synchronisation.sweep import MarkerTrack, PoseTrack, SweepResult
+    from exumi_data.synchronisation.sweep import MarkerTrack, PoseTrack, SweepLimits, SweepResult
     from exumi_data.synchronisation.timing import CameraTiming
 
 __all__ = ["EPILOG", "run"]
@@ -52,12 +57,10 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         ),
     ] = None,
     video_start: Annotated[
-        float, typer.Option(help="Where the clip begins in the episode, seconds.")
-    ] = 0.0,
-    camera: Annotated[
-        str | None,
-        typer.Option("--camera", help="Stream that shows the marker. Default: the only camera."),
+        float | None,
+        typer.Option(help="Where the clip begins in the episode, seconds. Default: 0."),
     ] = None,
+    camera: MarkerCameraOption = None,
     pose: PoseOption = None,
     marker: MarkerId = 4,
     marker_mm: MarkerSize = 60.0,
@@ -93,58 +96,125 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     does not tell is refused, with the reason.
     """
     from exumi_data.calibration_items import LATENCY
-    from exumi_data.cli.failures import FOUND_WRONG
-    from exumi_data.cli.output import error_console
-    from exumi_data.episode import open_episode
-    from exumi_data.errors import UsageError
-    from exumi_data.synchronisation.sweep import SweepLimits, estimate_sweep, latency_item
+    from exumi_data.synchronisation.sweep import SweepLimits, latency_item
     from exumi_recorders.calibration.files import Calibration
 
     settings = marker_settings(dictionary, marker, marker_mm)
-    if end is not None and video is not None:
-        raise UsageError("--end and --video exclude each other", fix="Calibrate each by itself.")
+    _check_options(end, video, video_start, camera, plot)
+    check_out(out)
     ranges = [
         range_of(exposure_ms, "--exposure-ms"),
         range_of(readout_ms, "--readout-ms"),
         range_of(headset_lag_ms, "--headset-lag-ms"),
     ]
-    results: list[SweepResult] = []
-    names, starts = set(), []
-    for path in [episode, *([end] if end else [])]:
-        with open_episode(path) as opened:
-            name, tracks, timing = _tracks(opened, out, settings, camera, pose, video, video_start)
-            timing = _timing(timing, ranges)
-            limits = SweepLimits(max_lag_s=max_lag)
-            result = estimate_sweep(*tracks, camera=timing, headset_lag_s=ranges[2], limits=limits)
-            results.append(result)
-            names.add(name)
-            starts.append(opened.metadata.start)
-    if len(names) > 1:
-        raise UsageError(f"the sweeps are of different streams: {', '.join(sorted(names))}")
+    limits = SweepLimits(max_lag_s=max_lag)
+    with refusing(output):
+        name, results, apart_s = _estimated(
+            [episode, *([end] if end else [])],
+            lambda opened: _tracks(opened, out, settings, camera, pose, video, video_start or 0.0),
+            ranges,
+            limits,
+        )
     refused = [result for result in results if result.refusals]
     used_ns = round(1e9 * (refused or results)[0].latency_s)
     item = None
     if not refused:
-        item = latency_item(results, apart_s=_apart_s(starts))
+        item = latency_item(results, apart_s=apart_s)
         used_ns = int(item.value)
     if plot is not None:
         from exumi_data.store.files import write_atomic
-        from exumi_recorders.calibration.plot import draw_sweep, png
+        from exumi_recorders.calibration.plot import draw_sweeps, png
 
-        write_atomic(plot, png(draw_sweep((refused or results)[0], used_ns)))
+        write_atomic(plot, png(draw_sweeps(refused or results, used_ns)))
+    sweeps = {"sweeps": [_numbers(result) for result in results]}
     if item is None:
-        console = error_console()
-        console.print("[bold red]refused:[/] nothing was written")
-        for reason in refused[0].refusals:
-            console.print(f"  {reason}", markup=False)
-        raise typer.Exit(FOUND_WRONG)
+        _refuse(refused, sweeps, output)
+    else:
+        _warn_of_change(results)
+        found = Calibration({LATENCY + name: item})
+        finish(found, out, output, [episode, end, video], sweeps)
+
+
+def _check_options(
+    end: Path | None,
+    video: Path | None,
+    video_start: float | None,
+    camera: str | None,
+    plot: Path | None,
+) -> None:
+    from exumi_data.errors import UsageError
+
+    if end is not None and video is not None:
+        raise UsageError("--end and --video exclude each other", fix="Calibrate each by itself.")
+    if video_start is not None and video is None:
+        raise UsageError("--video-start goes with --video", fix="Add it, or leave it out.")
+    if video is not None and not video.is_file():
+        raise UsageError("no such file", where=video)
+    if video is not None and camera is not None:
+        check_stream(camera)
+    if plot is not None and plot.suffix.lower() != ".png":
+        raise UsageError("--plot writes a PNG file", where=plot, fix="Give a name in .png.")
+
+
+def _estimated(
+    paths: list[Path],
+    tracks_of: "Callable[[Episode], tuple[str, tuple[MarkerTrack, PoseTrack], CameraTiming]]",
+    ranges: list[Any],
+    limits: "SweepLimits",
+) -> "tuple[str, list[SweepResult], float | None]":
+    """Return the pose stream's name, what each sweep says, and how far two are apart, seconds."""
+    from exumi_data.episode import open_episode
+    from exumi_data.errors import UsageError
+    from exumi_data.synchronisation.sweep import estimate_sweep
+
+    results: list[SweepResult] = []
+    names, starts, ids = set(), [], set()
+    for path in paths:
+        with open_episode(path) as opened:
+            if opened.id in ids:
+                raise UsageError(
+                    "is the same sweep as the first", where=path, fix="Sweep again at the end."
+                )
+            ids.add(opened.id)
+            name, tracks, timing = tracks_of(opened)
+            timing = _timing(timing, ranges)
+            results.append(
+                estimate_sweep(*tracks, camera=timing, headset_lag_s=ranges[2], limits=limits)
+            )
+            names.add(name)
+            starts.append(opened.metadata.start)
+    if len(names) > 1:
+        raise UsageError(f"the sweeps are of different streams: {', '.join(sorted(names))}")
+    return names.pop(), results, _apart_s(starts)
+
+
+def _refuse(
+    refused: "list[SweepResult]", sweeps: dict[str, list[dict[str, Any]]], output: Format
+) -> None:
+    """Say why sweeps are not to be believed, and end."""
+    from exumi_data.calibration_items import REFUSED_FIX
+    from exumi_data.cli.failures import FOUND_WRONG
+    from exumi_data.cli.output import error_console, print_json
+
+    reasons = list(dict.fromkeys(reason for result in refused for reason in result.refusals))
+    if output is Format.JSON:
+        said = [{"reason": reason, "fix": REFUSED_FIX} for reason in reasons]
+        print_json({"file": None, "items": {}, "refused": said, **sweeps})
+    console = error_console()
+    console.print("[bold red]refused:[/] nothing was written")
+    for reason in reasons:
+        console.print(f"  {reason}", markup=False)
+    raise typer.Exit(FOUND_WRONG)
+
+
+def _warn_of_change(results: "list[SweepResult]") -> None:
+    from exumi_data.cli.output import error_console
+
     change = abs(results[-1].latency_s - results[0].latency_s)
     if change > _WARNING_S:
         error_console().print(
             f"[yellow]warning:[/] the latency changed by {1e3 * change:.1f} ms in the session"
         )
-    found = Calibration({LATENCY + names.pop(): item})
-    finish(found, out, output, {"sweeps": [_numbers(result) for result in results]})
 
 
 def _apart_s(starts: list[str | None]) -> float | None:

@@ -1,5 +1,7 @@
 """Options that the verbs of ``exumi calibrate`` share, and how they end."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,6 +10,8 @@ import typer
 from exumi_data.cli.options import Format, given_path
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from exumi_data.clips.markers import MarkerSettings
     from exumi_data.model.description import CalibrationItem
     from exumi_data.synchronisation.timing import Range
@@ -15,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EpisodeArgument",
+    "MarkerCameraOption",
     "MarkerDictionary",
     "MarkerId",
     "MarkerSize",
@@ -22,10 +27,13 @@ __all__ = [
     "PoseOption",
     "RigOption",
     "asked",
+    "check_out",
+    "check_stream",
     "finish",
     "marker_settings",
     "numbers",
     "range_of",
+    "refusing",
 ]
 
 OutOption = Annotated[
@@ -41,7 +49,7 @@ EpisodeArgument = Annotated[
     Path, typer.Argument(parser=given_path, metavar="EPISODE", help="A recording. Only read.")
 ]
 PoseOption = Annotated[
-    str | None, typer.Option("--pose", help="Stream of poses. Default: the only one.")
+    str | None, typer.Option("--pose", help="Stream of poses. Default: the only one, or pose.")
 ]
 RigOption = Annotated[
     str | None,
@@ -49,6 +57,12 @@ RigOption = Annotated[
         "--rig",
         metavar="FILE",
         help="Read the devices of this rig file now (or: simulated), in place of a recording.",
+    ),
+]
+MarkerCameraOption = Annotated[
+    str | None,
+    typer.Option(
+        "--camera", help="Stream that shows the marker. Default: the only camera, or rgb."
     ),
 ]
 MarkerId = Annotated[int, typer.Option("--marker", min=0, help="Id of the ArUco marker.")]
@@ -144,6 +158,82 @@ def range_of(text: str | None, option: str) -> "Range | None":
         ) from None
 
 
+def check_out(out: Path) -> None:
+    """Refuse a calibration file that cannot be written into, before any work is done for it.
+
+    Parameters
+    ----------
+    out : pathlib.Path
+
+    Raises
+    ------
+    UsageError, MetadataError, UnsupportedError, DamagedDataError, LimitError
+        It has no name of one, or holds something else.
+    """
+    from exumi_recorders.calibration.files import check_name, read_calibration
+
+    check_name(out)
+    if out.exists():
+        read_calibration(out)
+
+
+def check_stream(name: str) -> None:
+    """Refuse what is no name of a stream.
+
+    Parameters
+    ----------
+    name : str
+
+    Raises
+    ------
+    UsageError
+        It is none.
+    """
+    import re
+
+    from exumi_data.errors import UsageError
+    from exumi_data.model.base import STREAM_NAME
+
+    if not re.fullmatch(STREAM_NAME, name):
+        raise UsageError(
+            f"{name!r} is no name of a stream",
+            fix="Names are lower-case letters, digits and _, and begin with a letter.",
+        )
+
+
+@contextmanager
+def refusing(output: Format) -> Iterator[None]:
+    """Say what was refused, and end with exit code 1 then.
+
+    Parameters
+    ----------
+    output : Format
+        JSON has it on stdout as well.
+
+    Raises
+    ------
+    typer.Exit
+        In place of a refusal.
+    """
+    from exumi_data.calibration_items import CalibrationRefusedError
+    from exumi_data.cli.failures import FOUND_WRONG
+    from exumi_data.cli.output import error_console, print_json, printable
+
+    try:
+        yield
+    except CalibrationRefusedError as error:
+        where = "" if error.where is None else f"{error.where}: "
+        if output is Format.JSON:
+            refused = {"reason": f"{where}{error.what}", "fix": error.fix}
+            print_json({"file": None, "items": {}, "refused": [refused]})
+        console = error_console()
+        console.print("[bold red]refused:[/] ", end="")
+        console.print(printable(f"{where}{error.what}"), markup=False)
+        if error.fix:
+            console.print(f"         {printable(error.fix)}", markup=False)
+        raise typer.Exit(FOUND_WRONG) from None
+
+
 def marker_settings(dictionary: str, number: int, side_mm: float) -> "MarkerSettings":
     """Return which marker to look for.
 
@@ -168,15 +258,21 @@ def marker_settings(dictionary: str, number: int, side_mm: float) -> "MarkerSett
 
 
 def finish(
-    found: "Calibration", out: Path, output: Format, more: dict[str, Any] | None = None
+    found: "Calibration",
+    out: Path,
+    output: Format,
+    sources: "Sequence[Path | None]",
+    more: dict[str, Any] | None = None,
 ) -> None:
-    """Stamp items with the time, put them into the calibration file, and print them.
+    """Stamp items with time and digest, put them into the calibration file, and print them.
 
     Parameters
     ----------
     found : Calibration
     out : pathlib.Path
     output : Format
+    sources : sequence of pathlib.Path or None
+        What they are made from; None counts for nothing.
     more : dict, optional
         What else the JSON says.
     """
@@ -184,9 +280,10 @@ def finish(
     from exumi_data.cli.output import print_json, printable
     from exumi_data.model.documents import dump
     from exumi_recorders.calibration.files import Calibration, update
+    from exumi_recorders.calibration.sources import digest_of_sources
 
-    time = now()
-    items = {n: item.model_copy(update={"time": time}) for n, item in found.items.items()}
+    said = {"time": now(), "digest": digest_of_sources([path for path in sources if path])}
+    items = {name: item.model_copy(update=said) for name, item in found.items.items()}
     update(out, Calibration(items, found.arrays))
     if output is Format.JSON:
         stated = {name: dump(item) for name, item in items.items()}

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exumi_data.cli.calibrate_options import OutOption, RigOption, asked, finish, numbers
+from exumi_data.cli.calibrate_options import (
+    OutOption,
+    RigOption,
+    asked,
+    check_out,
+    check_stream,
+    finish,
+    numbers,
+    refusing,
+)
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
 if TYPE_CHECKING:
@@ -68,19 +77,27 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
 
     if recording is not None and rig is not None:
         raise UsageError("a recording and --rig exclude each other", fix="Give one of them.")
+    check_out(out)
+    if crop is not None and ninedtact is None:
+        raise UsageError("--crop goes with --ninedtact", fix="Add it, or leave --crop out.")
     parts: dict[str, Calibration] = {}
     if stream is not None:
-        parts = _of_stream(stream, recording, ninedtact, crop, mm_per_px, has_contact=has_contact)
+        check_stream(stream)
+        with refusing(output):
+            parts = _of_stream(
+                stream, recording, ninedtact, crop, mm_per_px, has_contact=has_contact
+            )
     elif recording is not None or ninedtact is not None or mm_per_px is not None:
         raise UsageError("which sensor it is about is not said", fix="Name it with --stream.")
     if rig is not None:
-        parts["reference"] = _live(rig, stream)
+        with refusing(output):
+            parts["reference"] = _live(rig, stream)
     if not parts:
         raise UsageError(
             "nothing to calibrate from",
             fix="Give a recording, --rig, --ninedtact or --mm-per-px.",
         )
-    finish(merge(parts), out, output)
+    finish(merge(parts), out, output, [recording, ninedtact])
 
 
 def _of_stream(  # what a user says of a sensor

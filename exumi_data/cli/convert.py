@@ -147,7 +147,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
             )
         convert_out.run(
             source,
-            destination or Path(f"{source.name}.{to_format}"),
+            destination or Path(f"{source.name}-{to_format}"),
             to_format=to_format,
             settings=settings,
             dry_run=dry_run,

@@ -1,6 +1,6 @@
 """``exumi convert --list``: the formats, and what each keeps and loses."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from exumi_data.cli.options import Format
@@ -69,7 +69,7 @@ def show(name: str | None, *, output: Format) -> None:
 
 
 def _formats() -> Iterator[dict[str, Any]]:
-    from exumi_converters import FACETS, converters, exporters
+    from exumi_converters import converters, exporters
     from exumi_converters.format_options import describe_options
 
     for name, converter in converters().items():
@@ -88,7 +88,13 @@ def _formats() -> Iterator[dict[str, Any]]:
             "name": name,
             "version": exporter.version,
             "describes": exporter.describes,
-            "keeps": [text for facet, text in FACETS.items() if facet not in exporter.loses],
+            "keeps": [*exporter.keeps, *_kept(exporter.loses)],
             "loses": [f"{facet}: {text}" for facet, text in exporter.loses.items()],
             "options": describe_options(exporter.options),
         }
+
+
+def _kept(loses: Mapping[str, str]) -> Iterator[str]:
+    from exumi_converters import FACETS
+
+    return (f"{facet}: {text}" for facet, text in FACETS.items() if facet not in loses)

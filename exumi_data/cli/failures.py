@@ -20,10 +20,12 @@ from typer.core import TyperGroup
 
 from exumi_data.cli.output import error_console, printable
 from exumi_data.errors import ExumiError
+from exumi_data.stopping import Stopped
 
 __all__ = [
     "COULD_NOT_RUN",
     "FOUND_WRONG",
+    "INTERRUPTED",
     "ReportingGroup",
     "escape_what_cannot_be_printed",
     "open_closed_streams",
@@ -34,7 +36,7 @@ __all__ = [
 FOUND_WRONG = 1
 COULD_NOT_RUN = 2
 _BUG = 70  # EX_SOFTWARE of sysexits.h
-_INTERRUPTED = 128 + signal.SIGINT
+INTERRUPTED = 128 + signal.SIGINT
 _BROKEN_PIPE = 141  # 128 + SIGPIPE, which Windows does not have
 
 
@@ -65,7 +67,7 @@ def reported() -> Iterator[None]:
         raise typer.Exit(_BROKEN_PIPE) from None
     except KeyboardInterrupt as error:
         _say("interrupted", "What was complete stays; nothing half-written is left.", error)
-        raise typer.Exit(_INTERRUPTED) from None
+        raise typer.Exit(INTERRUPTED) from None
     except ExumiError as error:
         what = error.what if error.where is None else f"{error.where}: {error.what}"
         _say(what, error.fix, error)
@@ -141,7 +143,7 @@ def _leave_pipe() -> None:
 
 
 def _stop(number: int, _: object) -> None:
-    raise SystemExit(128 + number)
+    raise Stopped(128 + number)
 
 
 def open_closed_streams() -> None:

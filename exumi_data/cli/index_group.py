@@ -2,11 +2,10 @@
 
 from typing import Any
 
-import typer
 from typer.core import TyperGroup
 
 from exumi_data.cli import index, retrieval
-from exumi_data.cli.options import epilog
+from exumi_data.cli.options import group
 
 __all__ = ["app"]
 
@@ -22,18 +21,13 @@ class _CatalogByDefault(TyperGroup):
         return list(super().parse_args(ctx, args))
 
 
-app = typer.Typer(
-    cls=_CatalogByDefault,
-    help="Write a dataset's catalog; or build and ask an index of what things feel like. "
+app = group(
+    "Write a dataset's catalog; or build and ask an index of what things feel like. "
     "`exumi index DATASET` is short for `exumi index catalog DATASET`.",
-    epilog=epilog(
-        "exumi index my-dataset",
-        "exumi index build my-dataset my-index",
-        "exumi index query my-index my-dataset --episode 0",
-    ),
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    "exumi index my-dataset",
+    "exumi index build my-dataset my-index",
+    "exumi index query my-index my-dataset --episode 0",
+    cls=_CatalogByDefault,
 )
 app.command("catalog", epilog=index.EPILOG)(index.run)
 app.command("build", epilog=retrieval.BUILD_EPILOG)(retrieval.build)

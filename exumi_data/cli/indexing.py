@@ -1,6 +1,5 @@
 """Bringing a catalog up to date: only what changed is read."""
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import count
@@ -16,10 +15,9 @@ from exumi_data.catalog import (
     write_catalog,
 )
 from exumi_data.dataset import DATASET_DOCUMENT
-from exumi_data.errors import ExumiError, NotAnEpisodeError
+from exumi_data.destination import is_current
+from exumi_data.errors import NotAnEpisodeError
 from exumi_data.model.documents import parse_dataset
-from exumi_data.store.access import open_store
-from exumi_data.store.digest import digest_of
 
 __all__ = ["Change", "refresh_catalog"]
 
@@ -116,7 +114,7 @@ def refresh_catalog(
     stale = [
         path
         for path in present
-        if everything or path not in known or not _is_current(root / path, known[path])
+        if everything or path not in known or not is_current(root / path, known[path])
     ]
     counter = count(1)
     new, failed = build_catalog(
@@ -139,21 +137,3 @@ def refresh_catalog(
         failed={outcome.item: str(outcome.error) for outcome in failed},
         written=changed,
     )
-
-
-def _is_current(path: Path, row: dict[str, Any]) -> bool:
-    try:
-        store = open_store(path)
-    except ExumiError:
-        return False  # reading it will say what is wrong
-    try:
-        root = hashlib.sha256(store.read("zarr.json")).hexdigest()
-        if root != row["root_sha256"]:
-            return False
-        derived = "derived/zarr.json" in store.paths()
-        known = row["derived_digest"]
-        return bool((digest_of(store, derived=True) if derived else None) == known)
-    except (ExumiError, OSError):
-        return False
-    finally:
-        store.close()

@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -14,6 +14,7 @@ __all__ = [
     "WorkersOption",
     "epilog",
     "given_path",
+    "group",
 ]
 
 
@@ -92,3 +93,30 @@ def epilog(*examples: str) -> str:
     """
     # A line with \b alone keeps the lines of a paragraph apart.
     return "\n".join(["\b", "Examples:", *(f"  {line}" for line in examples)])
+
+
+def group(text: str, *examples: str, **options: Any) -> typer.Typer:
+    """Return a group of verbs, with what is the same in all groups.
+
+    Parameters
+    ----------
+    text : str
+        What it is for.
+    *examples : str
+        As of `epilog`.
+    **options
+        More of Typer's.
+
+    Returns
+    -------
+    typer.Typer
+    """
+    return typer.Typer(
+        help=text,
+        epilog=epilog(*examples),
+        # Plain text: rich's help looks richer, and takes three times as long to appear.
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        **options,
+    )

@@ -1,18 +1,15 @@
 """``exumi record``."""
 
-import contextlib
 import signal
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
 from exumi_data.cli.options import epilog, given_path
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from exumi_recorders.session.messages import SessionReport
     from exumi_recorders.session.operator import Operator
     from exumi_recorders.session.session import Session
@@ -122,13 +119,16 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     episode of what was recorded until then. Ctrl-C ends the session cleanly. Exit code 1 if an
     episode could not be finished.
     """
-    from exumi_data.cli.failures import FOUND_WRONG
+    from exumi_data.cli.failures import FOUND_WRONG, INTERRUPTED
+    from exumi_recorders.rig.simulated import NAME
     from exumi_recorders.session.labels import TouchLabels
     from exumi_recorders.session.operator import Operator
     from exumi_recorders.session.plan import Plan
     from exumi_recorders.session.preview import parse_address
     from exumi_recorders.session.running import open_session
 
+    if rig != NAME:
+        given_path(rig)
     auto = duration is not None
     plan = Plan(
         task=task,
@@ -146,49 +146,74 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     )
     address = None if preview is None else parse_address(preview)
     operator_view: Operator = Operator(as_json=status_json)
-    with operator_view:
-        with (
-            open_session(rig, out, plan, operator_view, seed=seed, preview=address) as session,
-            _ended_by_signals(session),
-        ):
-            report = session.run()
-        _report(operator_view, report)
-    if report.problems or report.left:
+    interrupted = False
+    with operator_view, _Signals() as signals:
+        with open_session(rig, out, plan, operator_view, seed=seed, preview=address) as session:
+            try:
+                signals.end(session)
+                session.run()
+            except KeyboardInterrupt:
+                interrupted = True
+            finally:
+                signals.ignore()
+        _report(operator_view, session.report)
+    if interrupted:
+        raise typer.Exit(INTERRUPTED)
+    if session.report.problems or session.report.left:
         raise typer.Exit(FOUND_WRONG)
 
 
-@contextlib.contextmanager
-def _ended_by_signals(session: "Session") -> "Iterator[None]":
-    """End the session cleanly on Ctrl-C, SIGTERM and a lost connection; at once on another Ctrl-C.
+class _Signals:
+    """What Ctrl-C, SIGTERM and a lost connection do; as before after the block.
 
-    A lost connection comes as several SIGHUP: of the terminal, and of the shell.
+    Before a session is there, they end the program.
     """
-    asked = False
 
-    def end(number: int, _frame: Any) -> None:
-        nonlocal asked
-        if asked and number == signal.SIGINT:
-            raise KeyboardInterrupt
-        asked = True
-        session.command("quit")
+    def __init__(self) -> None:
+        self._before: dict[int, Any] = {}
 
-    before = {}
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        # Under nohup a lost connection is nothing to end for.
-        if number is not None and (
-            name != "SIGHUP" or signal.getsignal(number) is not signal.SIG_IGN
-        ):
-            before[number] = signal.signal(number, end)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
             signal.signal(number, handler)
+
+    def end(self, session: "Session") -> None:
+        """End a session cleanly from now on; at once on a second Ctrl-C.
+
+        A lost connection comes as several SIGHUP: of the terminal, and of the shell.
+        """
+        asked = False
+
+        def end(number: int, _frame: Any) -> None:
+            nonlocal asked
+            if asked and number == signal.SIGINT:
+                raise KeyboardInterrupt
+            asked = True
+            session.command("quit")
+
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)
+            # Under nohup a lost connection is nothing to end for.
+            if number is not None and (
+                name != "SIGHUP" or signal.getsignal(number) is not signal.SIG_IGN
+            ):
+                self._before[number] = signal.signal(number, end)
+
+    def ignore(self) -> None:
+        """Hear none of them any more: closing devices takes a moment, and ends by itself."""
+        for number in self._before:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _report(operator: "Operator", report: "SessionReport") -> None:
     kept = [one for one in report.finished if one.episode is not None]
+    text = f"{len(kept)} {'episode' if len(kept) == 1 else 'episodes'} kept, "
+    text += f"{len(report.discarded)} discarded"
+    if report.left:
+        dataset = report.left[0].parents[1]
+        text += f", {len(report.left)} not finished: exumi recover {dataset}"
     operator.end(
         {
             "type": "report",
@@ -197,6 +222,5 @@ def _report(operator: "Operator", report: "SessionReport") -> None:
             "problems": report.problems,
             "left": [str(path) for path in report.left],
         },
-        f"{len(kept)} {'episode' if len(kept) == 1 else 'episodes'} kept, "
-        f"{len(report.discarded)} discarded",
+        text,
     )

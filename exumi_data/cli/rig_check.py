@@ -5,9 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from exumi_data.cli.calibrate_options import asked
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from exumi_recorders.rig.checking import RigReport
     from exumi_recorders.rig.gate import Gate
 
@@ -16,6 +19,7 @@ __all__ = ["EPILOG", "run"]
 EPILOG = epilog(
     "exumi rig check rig.toml",
     "exumi rig check rig.toml --seconds 20 --out my-dataset",
+    "exumi rig check rig.toml --touch",
     "exumi rig check simulated --format json",
 )
 
@@ -36,6 +40,10 @@ def run(
             help="Where to record to, for its disk. Default: that of the rig file.",
         ),
     ] = None,
+    touch: Annotated[
+        bool,
+        typer.Option("--touch", help="Then have each finger pressed: are left and right right?"),
+    ] = False,
     output: FormatOption = Format.TEXT,
 ) -> None:
     """Open all devices, watch them for some seconds, and say everything that is not well.
@@ -47,7 +55,7 @@ def run(
     from exumi_data.cli.failures import FOUND_WRONG
     from exumi_data.cli.output import print_json
 
-    report = _checked(rig, seconds, out)
+    report = _checked(rig, seconds, out, asked if touch else None)
     if output is Format.JSON:
         print_json(report.to_json())
     else:
@@ -56,17 +64,23 @@ def run(
         raise typer.Exit(FOUND_WRONG)
 
 
-def _checked(name: str, seconds: float, out: Path | None) -> "RigReport":
+def _checked(
+    name: str, seconds: float, out: Path | None, ask: "Callable[[str], str] | None"
+) -> "RigReport":
     from exumi_data.cli.output import error_console
+    from exumi_data.errors import UsageError
     from exumi_recorders.rig.checking import check_rig
     from exumi_recorders.rig.loading import load_rig
+    from exumi_recorders.rig.model import expanded
     from exumi_recorders.rig.simulated import NAME, SimulatedSettings, simulated_rig
 
     console = error_console()
     if name != NAME:
-        rig = load_rig(given_path(name).expanduser())
+        rig = load_rig(expanded(str(given_path(name))))
         console.print(f"watching for {seconds:g} s ...", style="dim")
-        return check_rig(rig, out=out, seconds=seconds)
+        return check_rig(rig, out=out, seconds=seconds, ask=ask)
+    if ask is not None:
+        raise UsageError("nobody can press simulated fingers", fix="Leave out --touch.")
     console.print("starting the simulated devices ...", style="dim")
     settings = SimulatedSettings(seconds=seconds + 5.0, frame_width=_SIMULATED_WIDTH)
     with simulated_rig(settings) as started:

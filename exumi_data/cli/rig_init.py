@@ -34,12 +34,14 @@ def run(
     """
     from exumi_data.cli.output import printable
     from exumi_data.errors import UsageError
-    from exumi_recorders.rig.starting import present_devices, write_template
+    from exumi_recorders.rig.starting import TEMPLATES, present_devices, write_template
 
     if len(words) > 2:
         raise UsageError(
             f"{len(words)} names were given", fix="Say: exumi rig init [exumi|tmi|simulated] FILE."
         )
+    if len(words) == 1 and words[0] in TEMPLATES:
+        raise UsageError("no file is named", fix=f"Say: exumi rig init {words[0]} rig.toml")
     name = words[0] if len(words) == 2 else "exumi"
     path = write_template(name, given_path(words[-1]), force=force)
     shown = printable(str(path))

@@ -241,14 +241,18 @@ def _number(name: str) -> tuple[int, int] | None:
     return None if match is None else (int(match[2]), int(match[1] or 0))
 
 
-def list_frames(path: Path, name: str, sha256: str | None = None) -> ClipFrames:
-    """List a clip's frames by its packets; none is decoded.
+def list_frames(
+    path: Path, name: str, *, check: bool = False, sha256: str | None = None
+) -> ClipFrames:
+    """List a clip's frames by its packets.
 
     Parameters
     ----------
     path : pathlib.Path
     name : str
         What the episode calls the file.
+    check : bool, optional
+        Decode them all, and list only those that can be; else none is decoded.
     sha256 : str, optional
         Of the file, where it is known already.
 
@@ -277,6 +281,8 @@ def list_frames(path: Path, name: str, sha256: str | None = None) -> ClipFrames:
                 where=path,
                 fix=_FIX,
             )
+        if check:
+            pts, is_key, problem = _decoded(path, pts, is_key, problem)
         # What comes before the first keyframe builds on frames that are not in the file.
         first = int(is_key.argmax())
         pts, is_key = pts[first:], is_key[first:]
@@ -293,6 +299,21 @@ def list_frames(path: Path, name: str, sha256: str | None = None) -> ClipFrames:
             rate=decoder.rate,
             problem=problem,
         )
+
+
+def _decoded(
+    path: Path, pts: NDArray[np.int64], is_key: NDArray[np.bool_], problem: str | None
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], str | None]:
+    """Return the frames that can be decoded, and what is wrong with the others."""
+    with VideoDecoder(str(path), path) as decoder:
+        good = np.isin(pts, [int(frame.pts or 0) for frame in decoder.frames()])
+        reason = decoder.problem or "they cannot be decoded"
+    if good.all():
+        return pts, is_key, problem
+    if not (good & is_key).any():
+        raise SourceError(f"no frame can be decoded ({reason})", where=path, fix=_FIX)
+    said = f"{np.count_nonzero(~good)} frames are damaged: {reason}"
+    return pts[good], is_key[good], f"{said}; {problem}" if problem else said
 
 
 def _file(decoder: VideoDecoder, path: Path, name: str, size: int, sha256: str | None) -> VideoFile:

@@ -56,6 +56,8 @@ class CalibrationItem(Model):
     method: str | None = None
     procedure: str | None = None
     time: Timestamp | None = None
+    digest: Sha256 | None = None
+    """SHA-256 of what it was made from: a file's, or an episode's digest."""
     array: str | None = None
     """Path of an array under ``calibration/``, when the value is too big for JSON."""
 

@@ -98,7 +98,8 @@ class Demonstrations:
         values = np.empty((len(times), *np.shape(before)))
         for (start, end), truth in zip(self.spans_s, self.truths, strict=True):
             waiting = (times >= stop) & (times < start)
-            share = minimum_jerk((times[waiting] - stop) / (start - stop))
+            # Rounded, the polynomial may end a hair beyond 1.
+            share = minimum_jerk((times[waiting] - stop) / (start - stop)).clip(0.0, 1.0)
             values[waiting] = pause(before, during(truth, zero)[0], share)
             inside = (times >= start) & (times < end)
             if inside.any():

@@ -392,6 +392,30 @@ class EpisodeWriter:
             raise MetadataError("; ".join(problems), where=self.path, problems=problems) from None
         self._derived[f"{stream}/{name}"] = (array, item)
 
+    def copy_derived(self, episode: "Episode") -> None:
+        """Take over the arrays that were derived from another episode's streams, and their account.
+
+        Parameters
+        ----------
+        episode : Episode
+            The other episode; what its arrays were computed from is the same in this one.
+
+        Raises
+        ------
+        UsageError
+            An array has a name that means nothing.
+        """
+        self._check_open()
+        if episode.derived is None:
+            return
+        self.derived = episode.derived.model_copy(deep=True)
+        for key, item in episode.derived.items.items():
+            stream, _, name = key.partition("/")
+            values = episode.derived_array(key)
+            if values is not None:
+                said = {key: getattr(item, key) for key in ("algorithm", "parameters", "inputs")}
+                self.add_derived(stream, name, values, **said, **(item.model_extra or {}))
+
     def finish(self) -> Path:
         """Complete the episode and give it its final name.
 

@@ -98,8 +98,13 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 def write_atomic(path: Path, data: bytes) -> None:
     """Write a small file so that it is there whole or not at all."""
-    with atomic_file(path) as temporary:
-        temporary.write_bytes(data)
+    try:
+        with atomic_file(path) as temporary:
+            temporary.write_bytes(data)
+    except OSError as error:  # which names the temporary file
+        if error.errno is None or not str(error.filename).endswith(f"-{path.name}"):
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def claim_folder(path: Path) -> int:

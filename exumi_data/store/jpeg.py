@@ -1,6 +1,7 @@
 """JPEG files: decoded straight into the caller's buffer, and never changed."""
 
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 import simplejpeg
@@ -136,9 +137,12 @@ def _check_size(size: tuple[int, ...], out: np.ndarray) -> None:
         ) from None
 
 
-def encode(frame: np.ndarray, quality: int) -> bytes:
-    """Encode a frame, shape (H, W, 1|3) uint8 RGB, as JPEG with 4:2:0 chroma."""
+def encode(frame: np.ndarray, quality: int, *, chroma: Literal["420", "444"] = "420") -> bytes:
+    """Encode a frame, shape (H, W, 1|3) uint8 RGB, as JPEG.
+
+    With `chroma` 420 its colours have half the resolution, as those of nearly every camera.
+    """
     frame = np.ascontiguousarray(frame)
     if frame.shape[2] == 1:
         return bytes(simplejpeg.encode_jpeg(frame, quality, "GRAY", "Gray"))
-    return bytes(simplejpeg.encode_jpeg(frame, quality, "RGB", "420"))
+    return bytes(simplejpeg.encode_jpeg(frame, quality, "RGB", chroma))

@@ -6,7 +6,7 @@ headers of its pages are what the reader goes by.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,7 +48,13 @@ def footer_mistake(path: Path) -> str | None:
     return f"its footer has {length:,} bytes" if length > _MAX_FOOTER_BYTES else None
 
 
-def pages_mistake(path: Path, metadata: "pq.FileMetaData") -> str | None:
+def pages_mistake(
+    path: Path,
+    metadata: "pq.FileMetaData",
+    *,
+    columns: Collection[str] | None = None,
+    groups: Collection[int] | None = None,
+) -> str | None:
     """Return why a file asks for too much memory; None where it does not.
 
     Parameters
@@ -57,12 +63,18 @@ def pages_mistake(path: Path, metadata: "pq.FileMetaData") -> str | None:
         A Parquet file.
     metadata : pyarrow.parquet.FileMetaData
         Its footer.
+    columns : collection of str, optional
+        The columns that will be read; default: all.
+    groups : collection of int, optional
+        The row groups that will be read; default: all.
     """
     asked = pages = 0
     with path.open("rb") as file:
-        for group in range(metadata.num_row_groups):
+        for group in range(metadata.num_row_groups) if groups is None else groups:
             for number in range(metadata.num_columns):
                 column = metadata.row_group(group).column(number)
+                if columns is not None and not _is_of(column.path_in_schema, columns):
+                    continue
                 if column.physical_type not in _TYPES:
                     return f"it has a column of {column.physical_type}"
                 try:
@@ -74,6 +86,11 @@ def pages_mistake(path: Path, metadata: "pq.FileMetaData") -> str | None:
                 except (ValueError, IndexError, OSError) as error:
                     return f"a page cannot be read ({error})"
     return None
+
+
+def _is_of(path: str, columns: Collection[str]) -> bool:
+    """Whether a path such as ``state.list.element`` is of one of some columns."""
+    return any(path == name or path.startswith(f"{name}.") for name in columns)
 
 
 def _needs(file: IO[bytes], column: Any) -> Iterator[int]:

@@ -1,8 +1,10 @@
 """Video files decoded from memory with PyAV, frame by frame, with a bounded buffer."""
 
 import io
+import os
 from collections.abc import Iterator
 from fractions import Fraction
+from itertools import chain
 from typing import IO, Any
 
 import av
@@ -29,6 +31,7 @@ MAX_PIXELS = 1 << 25
 """Pixels of the largest frame that is decoded: more than 8K has."""
 _MARGIN = 128  # decoders fill up the edges
 _PASS_OVER = 48  # AVDISCARD_ALL
+_REORDERED = 64  # packets that a decoder may hold back, and more
 _LEAST_PIXELS = 1 << 20  # and have buffers that do not shrink with the picture
 
 _EXTENSIONS = {
@@ -166,6 +169,25 @@ def _short(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or error).split(";")[0]
 
 
+def _alone(packets: Iterator[Any], first: int, stop: int) -> Iterator[Any]:
+    """Yield the packets of frames from `first` to before `stop`; None: one leans on later ones.
+
+    In the order of decoding, whatever a frame is made from comes before it.
+    """
+    beyond = 0
+    for packet in packets:
+        inside = first <= packet.pts < stop
+        if inside and beyond:
+            yield None
+            return
+        if inside:
+            yield packet
+        elif packet.pts >= stop:
+            beyond += 1
+            if beyond > _REORDERED:
+                return
+
+
 class VideoDecoder:
     """Decode one video file in presentation order.
 
@@ -276,6 +298,54 @@ class VideoDecoder:
     def packets(self) -> Iterator[Any]:
         """Yield the packets of the video stream, undecoded."""
         yield from self._packets((self._stream,))
+
+    def copy_frames(self, first: int, stop: int, target: str) -> bool:
+        """Copy frames into a new MP4 file as they are encoded; their pts count from the first.
+
+        Parameters
+        ----------
+        first, stop : int
+            From pts `first` to before pts `stop`.
+        target : str
+            Path of the new file.
+
+        Returns
+        -------
+        bool
+            False where they cannot be understood by themselves: the first is no keyframe, or some
+            were made from frames that come after the last. Then there is no such file.
+
+        Raises
+        ------
+        DamagedDataError
+            There is no such place in the file.
+        SourceError
+            An MP4 file cannot hold them.
+        """
+        self.seek(first)
+        packets = (packet for packet in self.packets() if packet.pts is not None)
+        head = next((packet for packet in packets if packet.pts >= first), None)
+        if head is None or head.pts >= stop or not head.is_keyframe:
+            return False
+        origin = head.pts
+        try:
+            with av.open(target, "w", format="mp4") as container:
+                copied = container.add_stream_from_template(self._stream, opaque=True)
+                copied.time_base = self.time_base
+                for packet in _alone(chain((head,), packets), first, stop):
+                    if packet is None:
+                        break
+                    packet.pts -= origin
+                    packet.dts = packet.pts if packet.dts is None else packet.dts - origin
+                    packet.stream = copied
+                    container.mux(packet)
+        except (av.FFmpegError, OSError, ValueError) as error:
+            raise SourceError(
+                f"frames cannot be copied ({_short(error)})", where=self.where
+            ) from None
+        if packet is None:
+            os.unlink(target)  # noqa: PTH108  # a name, as av.open takes it
+        return packet is not None
 
     def data_packets(self) -> Iterator[Any]:
         """Yield the packets of the tracks that are neither picture nor sound; pass over the rest.

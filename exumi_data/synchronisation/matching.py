@@ -327,7 +327,7 @@ def _refuse_overlaps(matches: Sequence[Match], clock: CommonClock | None) -> Non
         if other is None:
             kept.append(match)
         else:
-            match.refuse(f"its place is that of {other.clip.name}, which fits better")
+            match.refuse(f"its place is that of {other.clip.name}, which fits as well or better")
 
 
 def _trust(match: Match, clock: CommonClock | None) -> float:

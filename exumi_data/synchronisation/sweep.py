@@ -504,8 +504,13 @@ def _said(result: SweepResult) -> str:
         f"exposure and readout {1e3 * result.camera_s:.2f}",
         f"headset lag {1e3 * result.headset_s:.2f}",
     )
+    second = (
+        "no second-best lag"
+        if result.runner_up_s is None
+        else f"second-best lag x{result.runner_up:.1f}"
+    )
     return (
         f"marker found in {result.detected} of {result.frames} frames, way of the hand "
         f"{1e3 * result.motion_m[0]:.0f} mm, residual {1e3 * result.residual_m:.2f} mm, "
-        f"second-best lag x{result.runner_up:.1f}; standard deviations in ms: {', '.join(parts)}"
+        f"{second}; standard deviations in ms: {', '.join(parts)}"
     )

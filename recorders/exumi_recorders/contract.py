@@ -190,7 +190,9 @@ class Event:
     ----------
     name : str
         ``record_flag`` (detail: ``on``), ``world_frame`` (``pose``: x y z qx qy qz qw, as sent),
-        ``controls`` (name to value), ``key`` (``name``), or a name of the driver's own.
+        ``controls`` (name to value), ``clock`` (how the device's clock stands to the hub's),
+        ``key`` (``name``), ``restart`` (the device numbers the samples after it anew), or a name
+        of the driver's own.
     time_host_ns : int
         CLOCK_MONOTONIC.
     detail : mapping
@@ -210,7 +212,9 @@ class Health:
     ----------
     lost : mapping of str to int
         Samples known to be lost or refused since the device was opened, by cause: ``kernel``,
-        ``sequence``, ``late``, ``crc``, ``rejected`` ... They reach the episode as differences.
+        ``sequence``, ``late``, ``crc``, ``rejected`` ... Each ``open`` counts from 0; only
+        ``sequence`` may go down, where what was missed comes late. They reach the episode as
+        differences.
         Of a device with several ports, a cause is counted at the first one that is recorded, but
         for a cause that is named ``<port>/<cause>``.
     readings : mapping

@@ -16,10 +16,12 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from exumi_data.errors import DamagedDataError, ExumiError
 from exumi_data.model.base import STREAM_NAME, Rational
 from exumi_data.model.clock import Clock
 from exumi_data.model.streams import Stream
 from exumi_data.standard import registry
+from exumi_data.store import jpeg
 from exumi_recorders.contract import (
     DeviceError,
     Driver,
@@ -39,9 +41,12 @@ _TIMEOUT_S = 0.05
 # machine that is busy with other things.
 _LATE_S = 0.3
 _HEALTH_S = 0.1
+_CLOSE_S = 3.0
 _HEALTH_EVERY_S = 0.05
 # Beyond its seconds: what opening three times and closing may take before it is given up.
 _PATIENCE_S = 15.0
+# Samples of which a sequence that never changes is no chance.
+_FEW = 3
 # How long a device that was opened again gets for its first sample, at least.
 _AGAIN_S = 1.0
 _UINT32 = 1 << 32
@@ -52,7 +57,8 @@ def check_driver(make: Callable[[], Driver], *, seconds: float = 1.0) -> None:
     """Check that a driver keeps the contract, with a device that delivers.
 
     The device is opened, read for some seconds while another thread asks for its health, opened
-    again without closing it, closed twice, and opened, read and closed once more.
+    again without closing it, closed twice, and opened, read and closed once more. At the end, its
+    streams are stored for trial.
 
     Parameters
     ----------
@@ -97,6 +103,43 @@ class _Found:
         ]
 
 
+@dataclass(slots=True)
+class _Seen:
+    """What was seen of a port since the device was opened."""
+
+    first_ns: tuple[int, int]
+    last_ns: tuple[int, int]
+    sequences: set[int | None]
+    device_times: set[bool]
+    count: int = 0
+
+    @classmethod
+    def of(cls, sample: Sample, now_ns: int) -> "_Seen":
+        at = now_ns, sample.time_host_ns
+        return cls(at, at, set(), set())
+
+    def take(self, sample: Sample, now_ns: int) -> None:
+        self.last_ns = now_ns, sample.time_host_ns
+        self.count += 1
+        if sample.sequence is None or len(self.sequences) < _FEW:  # so many are enough to know
+            self.sequences.add(sample.sequence)
+        self.device_times.add(sample.time_device_ns is None)
+
+    def mistakes(self, seconds: float) -> list[str]:
+        pairs = zip(self.first_ns, self.last_ns, strict=True)
+        came, stamped = (last - first for first, last in pairs)
+        found = []
+        if came > 0.5 * seconds * 1e9 and stamped < 0.5 * came:
+            found.append("time_host_ns does not go on as time does")
+        if None in self.sequences and len(self.sequences) > 1:
+            found.append("some have a sequence, and some have none")
+        if self.count >= _FEW and len(self.sequences) == 1 and None not in self.sequences:
+            found.append("its sequence is always the same")
+        if len(self.device_times) > 1:
+            found.append("some have a device time, and some have none")
+        return found
+
+
 @dataclass
 class _Trial:
     """One driver on its way through the contract."""
@@ -106,9 +149,10 @@ class _Trial:
     found: _Found = field(default_factory=_Found)
     doing: str = "make()"
     asked: Driver | None = None
-    last_lost: Mapping[str, int] = field(default_factory=dict)
+    last_lost: dict[int, Mapping[str, int]] = field(default_factory=dict)
+    opening: int | None = 0
     opened_ns: int = 0
-    last_ns: dict[str, int] = field(default_factory=dict)
+    seen: dict[str, _Seen] = field(default_factory=dict)
     samples: int = 0
 
     def run(self) -> None:
@@ -124,13 +168,18 @@ class _Trial:
             self._read(driver, ports, self.seconds)
             if not self.samples:
                 self.found.note(f"no sample came in {self.seconds:g} s")
+            for name, seen in self.seen.items():
+                for problem in seen.mistakes(self.seconds):
+                    self.found.note(f"samples of {name!r}: {problem}")
             self._open_twice(driver, ports)
             if driver.ports != ports:
                 self.found.note("ports changed while it was open")
             self.asked = None
             self._step(driver.close, "close()")
             self._step(driver.close, "close() for a second time")
-            self._reopen(driver)
+            self._reopen(driver, ports)
+            self.doing = "storing its streams"
+            self._store(ports)
         except Exception as error:  # noqa: BLE001  # a driver may raise anything, and all is told
             self.found.note(f"{self.doing} raised {_said(error)}")
 
@@ -139,9 +188,9 @@ class _Trial:
         driver = self.asked
         if driver is None:
             return
-        began = time.monotonic()
+        began, opening = time.monotonic(), self.opening
         try:
-            health = driver.health()
+            health: Any = driver.health()  # whatever it may be
         except Exception as error:  # noqa: BLE001  # same
             self.found.note(f"health() raised {_said(error)}")
             return
@@ -149,22 +198,25 @@ class _Trial:
             self.found.note(f"health() took more than {_HEALTH_S:g} s")
         for problem in _mistakes_of_health(health):
             self.found.note(f"health(): {problem}")
-        if isinstance(health, Health):
-            for cause, count in self.last_lost.items():
-                if health.lost.get(cause, 0) < count:
+        # Counts begin anew with an opening: those of one are not compared with those of another.
+        if isinstance(health, Health) and opening is not None and opening == self.opening:
+            for cause, count in self.last_lost.get(opening, {}).items():
+                if health.lost.get(cause, 0) < count and cause != "sequence":
                     self.found.note(f"health(): lost[{cause!r}] went down while it was open")
-            self.last_lost = dict(health.lost)
+            self.last_lost[opening] = dict(health.lost)
 
     def _step(self, call: Callable[[], None], name: str) -> None:
-        self.doing = name
+        self.doing, began = name, time.monotonic()
         try:
             call()
         except Exception as error:  # noqa: BLE001  # same
             self.found.note(f"{name} raised {_said(error)}")
+        if time.monotonic() - began > _CLOSE_S:
+            self.found.note(f"{name} took more than {_CLOSE_S:g} s")
 
     def _open(self, driver: Driver, name: str) -> bool:
         self.doing, self.opened_ns = name, time.monotonic_ns()
-        self.last_ns.clear()
+        self.seen.clear()
         try:
             driver.open()
         except Exception as error:  # noqa: BLE001  # same
@@ -218,9 +270,10 @@ class _Trial:
             self.samples += 1
             problems = _mistakes_of_sample(item, ports[item.port])
             problems += self._mistakes_of_time(item.time_host_ns, now_ns)
-            if item.time_host_ns < self.last_ns.get(item.port, item.time_host_ns):
+            seen = self.seen.setdefault(item.port, _Seen.of(item, now_ns))
+            if item.time_host_ns < seen.last_ns[1]:
                 problems.append("time_host_ns goes back")
-            self.last_ns[item.port] = item.time_host_ns
+            seen.take(item, now_ns)
             for problem in problems:
                 self.found.note(f"sample of {item.port!r}: {problem}")
 
@@ -235,25 +288,42 @@ class _Trial:
 
     def _open_twice(self, driver: Driver, ports: tuple[Port, ...]) -> None:
         """Open it once more: refused, or without harm."""
-        self.doing = "open() of an open driver"
+        self.doing, self.opening = "open() of an open driver", None
         try:
             driver.open()
         except DeviceError:
             pass
         except Exception as error:  # noqa: BLE001  # same
             self.found.note(f"{self.doing} raised {_said(error)}, not a DeviceError")
+        self.opening = 1
         before = self.samples
         self._read_until_sample(driver, ports)
         if before and self.samples == before:
             self.found.note("no sample comes any more after open() of an open driver")
 
-    def _reopen(self, driver: Driver) -> None:
+    def _reopen(self, driver: Driver, ports: tuple[Port, ...]) -> None:
         before = self.samples
         if self._open(driver, "open() after close()"):
+            if driver.ports != ports:
+                self.found.note("ports are others after close() and open()")
             self._read_until_sample(driver, driver.ports)
             if before and self.samples == before:
                 self.found.note("no sample came after close() and open()")
             self._step(driver.close, "close() after it was opened again")
+
+    def _store(self, ports: tuple[Port, ...]) -> None:
+        """Store a stream of each port for trial, as a recorder does before it records."""
+        from exumi_recorders.finalise.rehearsal import rehearse
+        from exumi_recorders.journal.header import StreamHeader, port_document
+
+        for port in ports:
+            if _mistakes_of_port(port):
+                continue  # told already, in other words
+            try:
+                rehearse({port.name: StreamHeader(device="the driver", port=port_document(port))})
+            except (ExumiError, ValidationError) as error:
+                what = error.what if isinstance(error, ExumiError) else str(error)
+                self.found.note(f"port {port.name!r}: {what}")
 
     def _read_until_sample(self, driver: Driver, ports: tuple[Port, ...]) -> None:
         by_name = {port.name: port for port in ports}
@@ -276,6 +346,8 @@ def _mistakes_of_port(port: Port) -> list[str]:
     known = registry.units().get(unit) if unit is not None else None
     if unit is not None and (known is None or known.ns is None):
         found.append(f"time_device_unit {unit!r} is no unit of time of the registry")
+    if port.stamp_point not in registry.stamp_points() or port.stamp_point == "nominal_rate":
+        found.append(f"stamp_point {port.stamp_point!r} is none at which samples are stamped")
     if port.kind not in registry.kinds() and ":" not in port.kind:
         found.append(f"kind {port.kind!r} is not of the registry, nor named vendor:name")
     if isinstance(port.payload, Rows):
@@ -312,7 +384,7 @@ def _mistakes_of_metadata(port: Port, arrays: tuple[str, ...]) -> list[str]:
     """Say what keeps the stream's metadata from being what the standard asks for."""
     document = {
         "kind": port.kind,
-        "clock": Clock(source="hub_monotonic", stamp_point=port.stamp_point),
+        "clock": Clock(source="hub_monotonic", stamp_point="user_rx"),
         "arrays": ["time", *dict.fromkeys(("data", *arrays))],
         "nominal_rate": port.nominal_rate,
         "sensor": port.sensor,
@@ -364,9 +436,15 @@ def _mistakes_of_payload(data: bytes, layout: Payload) -> list[str]:
         if size is not None and len(data) != size:
             return [f"its payload has {len(data)} bytes, a row has {size}"]
     elif isinstance(layout, Files):
-        # Cameras may pad with zeros behind the end marker.
-        if not data.startswith(b"\xff\xd8") or not data.rstrip(b"\0").endswith(b"\xff\xd9"):
+        try:
+            found = jpeg.size_of(data) if jpeg.is_jpeg(data) else None
+        except DamagedDataError:
+            found = None
+        if found is None:
             return ["its payload is no whole JPEG file"]
+        if found != (layout.height, layout.width, layout.channels):
+            said = f"{layout.width}x{layout.height} with {layout.channels} channels"
+            return [f"its image is {found[1]}x{found[0]} with {found[2]} channels, not {said}"]
     elif not data or len(data) % (2 * layout.channels):
         return [f"its payload of {len(data)} bytes is no block of {layout.channels} channels"]
     return []

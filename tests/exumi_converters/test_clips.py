@@ -256,8 +256,8 @@ def test_options_that_make_no_sense_are_refused(grasps: Path, tmp_path: Path) ->
     (tmp_path / "empty").mkdir()
     with pytest.raises(SourceError, match="no video found among 0"):
         convert(tmp_path / "empty", tmp_path / "out", from_format="clips")
-    with pytest.raises(UsageError, match=r"Invalid format \(mcap\). Supported values are clips"):
-        convert(grasps, tmp_path / "out", from_format="mcap")
+    with pytest.raises(UsageError, match=r"Invalid format \(bag\). Supported values are clips"):
+        convert(grasps, tmp_path / "out", from_format="bag")
     assert not (tmp_path / "out").exists()
 
 

@@ -234,6 +234,7 @@ def test_splits_name_the_new_episodes(octopi: Path, labels: Path, run: Run, tmp_
     _, native = run(octopi, "octopi", labels=labels)
     _, dataset = made(tmp_path / "out", tmp_path / "train", size=96)
     new = {str(e.metadata.source.parent_id): e.id for e in dataset}
+    assert list(dataset.splits) == list(native.splits) == ["octopi1"]
     for name, split in native.splits.items():
         expected = {k: sorted(new[i] for i in ids) for k, ids in split.lists.items()}
         assert dataset.splits[name].lists == expected

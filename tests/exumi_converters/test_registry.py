@@ -79,7 +79,7 @@ def test_a_converter_under_a_false_name_is_refused(plugin: Path) -> None:
 
 
 def test_an_unknown_format_is_refused_with_those_that_are_known() -> None:
-    with pytest.raises(UsageError, match=r"Invalid format \(bag\). Supported values are clips, o"):
+    with pytest.raises(UsageError, match=r"Invalid format \(bag\). Supported values are clips, "):
         find_converter("bag")
 
 

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from exumi_converters import ConversionReport, ConvertOptions, Progress, convert
-from exumi_converters.locks import only_run
 from exumi_data.catalog import episode_path, list_episodes, read_catalog
 from exumi_data.dataset import Dataset, open_dataset
+from exumi_data.destination import only_run
 from exumi_data.episode import open_episode
 from exumi_data.errors import UsageError
 from exumi_data.store.pack import pack

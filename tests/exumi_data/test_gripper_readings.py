@@ -97,6 +97,9 @@ def test_csv_and_units(tmp_path: Path) -> None:
     found = read_gripper_file(path)
     assert found.opening_m == pytest.approx([0.01 * i for i in range(6)])
     assert [len(group) for group in found.counts] == [3] * 6
+    averaged = tmp_path / "averaged.csv"
+    averaged.write_text("opening_mm,count\n0,100.25\n")
+    assert read_gripper_file(averaged).counts[0].tolist() == [100.25]
     forced = read_gripper_file(path, unit="cm")
     assert forced.opening_m[1] == pytest.approx(0.1)
     assert forced.notes == ("openings are in cm; the file says mm",)
@@ -112,6 +115,8 @@ def test_csv_and_units(tmp_path: Path) -> None:
         ("a.json", '{"metadata": {"unit": "m"}, "calibration": [[-0.1, 4]]}', "no reading"),
         ("a.csv", "opening_mm,counts\n1,2\n", "no readings of a gripper"),
         ("a.csv", "", "no readings of a gripper"),
+        ("a.csv", "opening_mm;count\n0;100\n", "divided by commas"),
+        ("a.csv", "opening_mm,count\n0,nan\n", "no reading"),
     ],
 )
 def test_files_that_hold_something_else(tmp_path: Path, name: str, text: str, said: str) -> None:
@@ -138,10 +143,57 @@ def test_what_is_refused() -> None:
     assert "scatter" in refused(steps, [[100], [160], [150, 290], [280], [340]])
 
 
-def test_more_than_a_turn() -> None:
-    openings = [0.01 * i for i in range(7)]
-    said = refused(openings, [[(900 * i) % 4096] for i in range(7)])
-    assert "more than the 4096 of a turn" in said
+def test_openings_that_make_no_map() -> None:
+    line = [[100 + 60 * i] for i in range(5)]
+    assert "an opening of -5 mm" in refused([-0.005, 0.0, 0.01, 0.02, 0.03], line)
+    assert "span 4 mm" in refused([0.0, 0.001, 0.002, 0.003, 0.004], line)
+    assert "hardly change, 100 to 101" in refused(
+        [0.01 * i for i in range(5)], [[100], [100], [101], [100], [101]]
+    )
+
+
+def test_one_wrong_reading_is_named() -> None:
+    openings = [0.01 * i for i in range(9)]
+    line = [[100 + 60 * i] for i in range(9)]
+    # As large as the whole way, it does not turn the way round.
+    said = refused(openings, [*line[:8], [100]])
+    assert "do not go one way: 520 at 70 mm, 100 at 80 mm" in said
+    # 20 of 60 counts pass; more than half of a step does not.
+    fit_gripper(GripperReadings(tuple(openings), tuple(np.array(c) for c in line)))
+    bent = [*line[:4], [340 + 20], *line[5:]]
+    assert (
+        fit_gripper(
+            GripperReadings(tuple(openings), tuple(np.array(c) for c in bent))
+        ).uncertainty_m
+        > 1e-3
+    )
+    wrong = [*line[:4], [340 + 50], *line[5:]]
+    assert "opening of 40 mm does not fit between its neighbours" in refused(openings, wrong)
+    # What a gauge is off by is no fault of the encoder's.
+    loose = GripperReadings(tuple(openings), tuple(np.array(c) for c in wrong))
+    assert fit_gripper(loose, gauge_m=5e-3).uncertainty_m > 5e-3
+
+
+@pytest.mark.parametrize("per_step", [900, -900])
+def test_more_than_a_turn(per_step: int) -> None:
+    openings = tuple(0.01 * i for i in range(7))
+    wrapped = [np.array([(300 + per_step * i) % 4096]) for i in range(7)]
+    found = fit_gripper(GripperReadings(openings, tuple(wrapped)))
+    assert found.modulus is None
+    assert any("1.32 turns" in note and "home = 300" in note for note in found.notes)
+    # As the driver hands them over that counts turns from home.
+    going_on = [np.array([300 + per_step * i]) for i in range(7)]
+    item = gripper_item(found)
+    assert gripper_item(fit_gripper(GripperReadings(openings, tuple(going_on), None))).value == (
+        item.value
+    )
+    stated = read_map(item.value)
+    assert isinstance(stated, RawToData)
+    assert "modulus" not in item.value
+    assert stated.at(np.array([300, 300 + 5 * per_step])) == pytest.approx([0.0, 0.05])
+    # Of counts that wrap it tells nothing, and says why.
+    assert np.isnan(stated.at(np.array([300]), 4096)).all()
+    assert stated.beyond_a_turn(4096) == "goes over 5400 counts, which begin anew after 4096"
 
 
 def test_a_recording_in_steps() -> None:

@@ -13,6 +13,7 @@ from exumi_data.dataset import Dataset
 from exumi_data.episode import Episode
 from exumi_data.errors import UnsupportedError
 from exumi_data.model import SplitDocument
+from exumi_data.model.base import Model
 from exumi_data.model.documents import dump
 from exumi_data.store.pack import pack
 from tests.exumi_data.builders import (
@@ -58,14 +59,14 @@ def derived(root: Path, change: Change) -> Path:
     return path
 
 
-def read(path: Path) -> None:
+def read(path: Path) -> list[Model]:
     """Read every document of what is there."""
     opened = exumi_data.open(path)
     if isinstance(opened, Dataset):
-        assert isinstance(opened.splits, dict)
-    else:
-        assert isinstance(opened, Episode)
-        assert opened.derived is not None
+        return [opened.metadata, *opened.splits.values()]
+    assert isinstance(opened, Episode)
+    assert opened.derived is not None
+    return [opened.metadata, opened.derived]
 
 
 PLACES: list[Callable[[Path, Change], Path]] = [folder, packed, dataset, split, derived]
@@ -100,7 +101,10 @@ def test_an_unknown_feature_is_refused_by_its_name(
 
 @pytest.mark.parametrize("make", PLACES, ids=lambda make: make.__name__)
 def test_a_newer_minor_is_read(tmp_path: Path, make: Callable[[Path, Change], Path]) -> None:
-    read(make(tmp_path, {"version": "1.3", "requires": [], "weather": "rain"}))
+    documents = read(make(tmp_path, {"version": "1.3", "requires": [], "weather": "rain"}))
+    (newer,) = [dump(one) for one in documents if "weather" in dump(one)]
+    assert newer["version"] == "1.3"
+    assert newer["weather"] == "rain"
 
 
 @pytest.mark.parametrize("change", [NEWER_MAJOR, UNKNOWN_FEATURE], ids=["major", "feature"])

@@ -13,9 +13,11 @@ from exumi_data.time import (
     apply_clock,
     bracket_indices,
     format_rate,
+    format_utc,
     nearest_indices,
     nominal_times,
     parse_rate,
+    parse_utc,
     rate_statistics,
     strictly_increasing,
 )
@@ -297,3 +299,16 @@ def test_statistics_refuse_times_out_of_order() -> None:
 
 def test_the_module_does_not_hide_the_standard_library() -> None:
     assert time.monotonic_ns() > 0
+
+
+@given(st.integers(-(2**61), 2**61))
+def test_utc_survives_to_the_nanosecond(utc_ns: int) -> None:
+    assert parse_utc(format_utc(utc_ns)) == utc_ns
+
+
+def test_utc_is_read_as_it_is_written_by_others() -> None:
+    assert parse_utc("1970-01-01T00:00:01.5Z") == 1_500_000_000
+    assert parse_utc("2016-12-31T23:59:60Z") == parse_utc("2017-01-01T00:00:00Z")
+    for wrong in ("", "2026-03-01", "2026-03-01T10:20:30", "2026-03-01T10:20:30+01:00"):
+        with pytest.raises(ValueError, match="no UTC timestamp"):
+            parse_utc(wrong)

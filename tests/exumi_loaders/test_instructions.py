@@ -134,7 +134,9 @@ def test_the_file_is_the_same_byte_for_byte(things: Any, tmp_path: Path) -> None
 def test_the_lines_lead_to_the_frames(things: Any, tmp_path: Path) -> None:
     samples = InstructionSamples(things, count=20, frames=2)
     samples.write_jsonl(tmp_path / "all.jsonl")
-    for number, line in enumerate((tmp_path / "all.jsonl").read_text().splitlines()):
+    lines = (tmp_path / "all.jsonl").read_text().splitlines()
+    assert len(lines) == len(samples) == 20
+    for number, line in enumerate(lines):
         document = json.loads(line)
         item = samples[number]
         assert [m["role"] for m in document["chat"]] == ["user", "assistant"]

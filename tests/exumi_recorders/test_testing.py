@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from exumi_data.store import jpeg
 from exumi_recorders.contract import (
     Blocks,
     DeviceError,
@@ -31,6 +32,7 @@ PORT = Port(
     metadata={"components": ["fx", "fy"]},
 )
 ROW = np.zeros(2, "<f4").tobytes()
+PICTURE = jpeg.encode(np.zeros((4, 6, 3), np.uint8), 80)
 
 
 @pytest.fixture(autouse=True)
@@ -90,6 +92,15 @@ class Gauge:
         self.is_open = False
 
 
+class Stuck(Gauge):
+    """It stamps everything with the time at which it was opened."""
+
+    def open(self) -> None:
+        super().open()
+        at = now()
+        self.change = lambda sample: replace(sample, time_host_ns=at)
+
+
 def problems_of(make: Callable[[], Any], seconds: float = 0.12) -> str:
     with pytest.raises(AssertionError) as caught:
         check_driver(make, seconds=seconds)
@@ -137,6 +148,12 @@ WRONG_PORTS: Mapping[str, Callable[[], Gauge]] = {
     "valid is of [1, 2] cells, the grid of [2, 1]": with_port(
         kind="taxels", valid=((True, True),), metadata={"grid": [2, 1], "unit": "adc"}
     ),
+    "stamp_point 'nominal_rate' is none": with_port(stamp_point="nominal_rate"),
+    "stamp_point 'sometime' is none": with_port(stamp_point="sometime"),
+    "a sample has shape (2,), expected ()": with_port(kind="width", metadata={}),
+    "a stream of kind rgb has no blocks of sound": with_port(
+        kind="rgb", payload=Blocks(2, "48000"), metadata={}
+    ),
     "2 ports have this name": lambda: Gauge(more_ports=(PORT,)),
 }
 WRONG_SAMPLES: Mapping[str, Callable[[], Any]] = {
@@ -144,6 +161,23 @@ WRONG_SAMPLES: Mapping[str, Callable[[], Any]] = {
     "its payload is a bytearray, not bytes": with_sample(payload=bytearray(ROW)),
     "its payload is no whole JPEG file": with_port(
         kind="rgb", payload=Files(height=4, width=4, channels=3)
+    ),
+    "its image is 6x4 with 3 channels, not 4x6 with 3 channels": lambda: Gauge(
+        port=replace(PORT, kind="rgb", payload=Files(6, 4, 3), metadata={}),
+        change=lambda sample: replace(sample, payload=PICTURE),
+    ),
+    "is no whole JPEG file": lambda: Gauge(
+        port=replace(PORT, kind="rgb", payload=Files(4, 6, 3), metadata={}),
+        change=lambda sample: replace(sample, payload=b"\xff\xd8no header\xff\xd9"),
+    ),
+    "time_host_ns does not go on as time does": Stuck,
+    "its sequence is always the same": with_sample(sequence=7),
+    "some have a sequence, and some have none": lambda: Gauge(
+        extra=lambda: Sample("force", now(), ROW, sequence=1)
+    ),
+    "some have a device time, and some have none": lambda: Gauge(
+        port=replace(PORT, time_device_unit="ns"),
+        extra=lambda: Sample("force", now(), ROW, time_device_ns=1),
     ),
     "is no block of 3 channels": with_port(kind="acme:audio", payload=Blocks(3, "48000")),
     "the port 'torque', which is not among its ports": with_sample(port="torque"),
@@ -241,6 +275,21 @@ def test_ports_that_change_while_it_is_open() -> None:
             return (PORT, *(replace(PORT, name=f"p{n}") for n in range(self.taken > 0)))
 
     assert "ports changed while it was open" in problems_of(Growing)
+
+
+def test_ports_that_are_others_the_next_time() -> None:
+    class Changing(Gauge):
+        @property
+        def ports(self) -> tuple[Port, ...]:
+            return (replace(PORT, nominal_rate="100" if self.closed < 3 else "50"),)
+
+    assert "ports are others after close() and open()" in problems_of(Changing)
+
+
+def test_a_driver_that_takes_long_to_close(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("exumi_recorders.testing._CLOSE_S", 0.05)
+    wrong = problems_of(lambda: Gauge(on_close=lambda _: time.sleep(0.1)))
+    assert "close() took more than 0.05 s" in wrong
 
 
 def test_a_driver_that_cannot_be_closed_twice_or_unopened() -> None:

@@ -110,6 +110,7 @@ def travel(
     counts: np.ndarray = EVERYWHERE,
     modulus: int | None = 4096,
     stated: object = MAP,
+    stored: type[np.generic] = np.uint16,
     flags: np.ndarray | None = None,
 ) -> Report:
     """Judge an episode of a gripper that opens, whose widths are not what the counts say."""
@@ -122,7 +123,7 @@ def travel(
         rows = {} if flags is None else {"flags": flags}
         wrapped = counts if modulus is None else counts % modulus
         time = np.arange(len(counts)) * 10_000_000
-        width.append(time, change(true), raw=wrapped.astype(np.uint16), **rows)
+        width.append(time, change(true), raw=wrapped.astype(stored), **rows)
     report: Report = validate(path, levels=("document", "arrays"))
     assert report.coverage.unchecked == ()
     return report
@@ -202,6 +203,10 @@ def test_beyond_its_ends_a_map_says_nothing(tmp_path: Path) -> None:
         ({"raw": [1], "data": [1]}, "has 1 numbers in `raw` and 1 in `data`"),
         ({"raw": [1, 2, 3], "data": [1, 2]}, "has 3 numbers in `raw` and 2 in `data`"),
         ({"raw": [1, 1], "data": [1, 2]}, "has a `raw` that does not ascend"),
+        (
+            {"raw": [1, 4098], "data": [1, 2]},
+            "goes over 4097 counts, which begin anew after 4096",
+        ),
     ],
 )
 def test_a_map_that_is_none(tmp_path: Path, stated: object, detail: str) -> None:
@@ -210,6 +215,21 @@ def test_a_map_that_is_none(tmp_path: Path, stated: object, detail: str) -> None
     (problem,) = [problem for problem in report.problems if problem.code == "CAL-005"]
     assert problem.location.pointer == "/attributes/exumi/calibration/encoder/value/raw_to_data"
     assert problem.message.endswith(detail)
+
+
+@pytest.mark.parametrize(("share", "found"), [(1.0, []), (1.05, ["CAL-006"])])
+def test_counts_with_their_turns(tmp_path: Path, share: float, found: list[str]) -> None:
+    stated = {"raw": [-6000, 400], "data": [0.08, 0.0]}
+    counts = np.arange(400, -6000, -10)
+    report = travel(
+        tmp_path / "e.zarr",
+        lambda _: share * 0.08 * (400 - counts) / 6400,
+        counts=counts,
+        modulus=None,
+        stated=stated,
+        stored=np.int32,
+    )
+    assert map_codes(report) == found
 
 
 def test_a_calibration_without_a_map_is_not_checked(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Checks and stream kinds of other packages: found, checked, and refused with a clear message."""
 
+import signal
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -7,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from exumi_data.cli.failures import stop_on_signals
 from exumi_data.errors import UsageError
 from exumi_data.extensions import stream_kind_plugins
+from exumi_data.stopping import Stopped
 from exumi_validators import read_config, validate
 from exumi_validators.plugins import installed
 from exumi_validators.testing import check_checks
@@ -230,3 +233,28 @@ def test_the_contract_of_checks_finds_what_is_wrong(install: Install, good: Path
         check_checks(acme_checks, good=[good], bad={})
     with pytest.raises(AssertionError, match=r"found \{'acme:X-001': 1\}, expected \{"):
         check_checks(acme_checks, good=[], bad={good: {"acme:X-001": 2}})
+
+
+def test_a_check_that_ends_its_process_is_not_a_pass(install: Install, good: Path) -> None:
+    install("acme-checks", source("yield exit(3)"))
+    (unchecked,) = validate(good).coverage.unchecked
+    assert unchecked.what == "acme:X-001"
+
+
+@pytest.mark.parametrize("scope", ["episode", "dataset"])
+def test_a_signal_ends_the_program_also_within_a_check(
+    install: Install, tmp_path: Path, scope: str
+) -> None:
+    body = "import os, signal, time; os.kill(os.getpid(), signal.SIGTERM); yield time.sleep(9)"
+    install("acme-checks", source(body, scope=scope))
+    dataset = write_dataset(tmp_path / "dataset", 1)
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        stop_on_signals()
+        with pytest.raises(Stopped) as caught:
+            validate(dataset, levels=["document"], workers=1)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert caught.value.code == 128 + signal.SIGTERM

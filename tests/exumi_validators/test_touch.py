@@ -16,13 +16,14 @@ from exumi_data.simulation import simulate_play
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.tactile import ACTIVE_THRESHOLD, ActivityMeter, to_grey
+from exumi_data.tactile.wrapping import Jumps
 from exumi_validators import Report, validate
 from exumi_validators.checks.dataset import same_gel
 from exumi_validators.dataset_context import DatasetContext
 from exumi_validators.episode_run import EpisodeFacts, ReferenceFacts
 from exumi_validators.frame_statistics import FrameStatistics, GlanceLimits
 from exumi_validators.report import Problem, Skipped
-from exumi_validators.touch_measures import Jumps, coarse, nearest_to, shift_between, texture
+from exumi_validators.touch_measures import coarse, nearest_to, shift_between, texture
 from exumi_validators.touch_pass import spread
 from tests.exumi_data.builders import (
     CLOCK,

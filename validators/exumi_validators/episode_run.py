@@ -13,6 +13,7 @@ from exumi_data.catalog import metadata_columns
 from exumi_data.errors import ExumiError
 from exumi_data.model.description import Annotations, Label
 from exumi_data.standard import LEVELS, Level
+from exumi_data.stopping import Stopped
 from exumi_data.store.access import FolderStore, ZipStore
 from exumi_data.store.digest import digest_of
 from exumi_validators.archive import ArchiveContext, read_archive
@@ -278,6 +279,8 @@ def _judge(
         try:
             for problem in check(context):
                 found.add(problem)
+        except Stopped:
+            raise
         except (Exception, SystemExit) as error:  # noqa: BLE001  # a check that fails must not hide the others
             unchecked.append(Unchecked(".", ", ".join(check.rules), reason_of(error)))
 

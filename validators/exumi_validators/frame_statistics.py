@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from exumi_data.tactile import thumbnail, to_grey
-from exumi_validators.touch_measures import Jumps, median_image, nearest_to
+from exumi_data.tactile.wrapping import Jumps
+from exumi_validators.touch_measures import median_image, nearest_to
 
 __all__ = ["FrameStatistics", "GlanceLimits", "Tally"]
 

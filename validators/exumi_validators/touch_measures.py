@@ -1,14 +1,13 @@
 """Measures on small grey images of touch: quiet images, differences, shifts, jumps."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 __all__ = [
-    "Jumps",
     "Shift",
     "coarse",
     "difference",
@@ -22,8 +21,6 @@ UInt8Array = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
 
 _NEAREST = 1 / 3  # of the images, which come from all over the stream
-_JUMP = 128
-_STEP = 64
 _COARSE = 9  # pixels of a thumbnail: what is wider is light, not pattern
 
 
@@ -48,55 +45,6 @@ class Shift:
     def length(self) -> float:
         """Its length, pixels."""
         return float(np.hypot(self.right, self.down))
-
-
-@dataclass(slots=True)
-class Jumps:
-    """Steps of grey level between near pixels of a row, channel by channel.
-
-    Attributes
-    ----------
-    rows : int
-        How many rows of a frame are looked through, about.
-    apart_px : int
-        How far apart the pixels are: chroma that was stored at half the resolution spreads an
-        edge over two.
-    pairs : int
-        Pairs of pixels in one channel.
-    steps, jumps : ndarray of int64, shape (C,)
-        Pairs that differ by 65 to 128 levels, and by more.
-    """
-
-    rows: int
-    apart_px: int
-    pairs: int = 0
-    steps: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
-    jumps: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
-
-    def add(self, frame: UInt8Array) -> None:
-        """Look through a frame, (H, W, C)."""
-        import cv2
-
-        every = max(1, frame.shape[0] // self.rows)
-        rows = np.ascontiguousarray(frame[every // 2 :: every])
-        if rows.shape[1] <= self.apart_px:
-            return
-        apart = self.apart_px
-        step = np.asarray(cv2.absdiff(rows[:, apart:], rows[:, :-apart]), np.uint8)
-        step = step.reshape(-1, frame.shape[2])
-        self.pairs += len(step)
-        if step.max() <= _STEP:  # as in most frames
-            return
-        for channel in range(step.shape[1]):
-            jumps = np.count_nonzero(step[:, channel] > _JUMP)
-            self.jumps[channel] += jumps
-            self.steps[channel] += np.count_nonzero(step[:, channel] > _STEP) - jumps
-
-    def rates(self) -> tuple[float, float]:
-        """Return jumps of 10,000 pairs of pixels, and jumps a step, in the channel with most."""
-        channel = int(self.jumps.argmax())
-        jumps, steps = int(self.jumps[channel]), int(self.steps[channel])
-        return jumps * 1e4 / max(self.pairs, 1), jumps / max(steps, 1)
 
 
 def difference(image: UInt8Array, reference: UInt8Array) -> UInt8Array:

@@ -16,6 +16,7 @@ from exumi_data.errors import NotAnEpisodeError, UnsupportedError, UsageError
 from exumi_data.model.episode import FORMAT_VERSION
 from exumi_data.opening import not_an_episode
 from exumi_data.standard import LEVELS, Level
+from exumi_data.stopping import Stopped
 from exumi_validators.checks import dataset as dataset_module
 from exumi_validators.checks import manifest as manifest_module
 from exumi_validators.config import Config
@@ -209,6 +210,8 @@ def _validate_dataset(
         try:
             for problem in check(dataset):
                 found.add(problem)
+        except Stopped:
+            raise
         except (Exception, SystemExit) as error:  # noqa: BLE001  # a check that fails must not hide the others
             unchecked.append(Unchecked(".", ", ".join(check.rules), reason_of(error)))
     not_listed.update(found.not_listed)

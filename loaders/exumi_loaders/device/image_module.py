@@ -1,5 +1,6 @@
 """What the modules share: which tensors of a batch are images, and how they are changed."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -58,7 +59,7 @@ def per_window(values: Tensor, images: Tensor) -> Tensor:
     return values.to(device=images.device, dtype=images.dtype, non_blocking=True).view(shape)
 
 
-class ImageModule(nn.Module):
+class ImageModule(nn.Module, ABC):
     """A module that changes the image streams of a batch, with their references.
 
     Parameters
@@ -111,5 +112,6 @@ class ImageModule(nn.Module):
         """
         return self._change(frames, reference)
 
+    @abstractmethod
     def _change(self, frames: Tensor, reference: Tensor | None) -> tuple[Tensor, Tensor | None]:
-        raise NotImplementedError
+        """Do what `transform` says."""

@@ -1,7 +1,6 @@
 """`TactileIndex`: what has felt like this before."""
 
 import os
-import uuid
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -29,10 +28,12 @@ from exumi_loaders.retrieval.matches import (
     Ranking,
     Unique,
     check_choice,
+    look,
     rank,
     similar_line,
 )
 from exumi_loaders.retrieval.space import unit
+from exumi_loaders.retrieval.teaching import taught_entry
 from exumi_loaders.retrieval.writing import fill_index, new_index
 
 if TYPE_CHECKING:
@@ -412,32 +413,14 @@ class TactileIndex:
             raise UsageError(f"k is {k} and samples {samples}; both must be positive")
         if samples is None and ranking == "matches":
             samples = k
-        similarity, rows, groups = self._nearest(vector, k, unique, samples)
+        similarity, rows, groups = look(
+            lambda count: self.search(vector, count), self._contents.codes(unique), k, samples
+        )
         first, matches = rank(groups, similarity, ranking)
         return [
             Match(self.entry(int(rows[at])), float(similarity[at]), int(count))
             for at, count in zip(first[:k], matches[:k], strict=True)
         ]
-
-    def _nearest(
-        self, vector: np.ndarray, k: int, unique: Unique, samples: int | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return similarity, row and group of the nearest rows, as many as are looked at."""
-        codes = self._contents.codes(unique)
-        wanted = samples or 4 * k
-        while True:
-            similarity, rows = (found[0] for found in self.search(vector, wanted))
-            similarity, rows = similarity[rows >= 0], rows[rows >= 0]
-            groups = codes[rows]
-            if samples is not None:
-                return similarity, rows, groups
-            _, first = np.unique(groups, return_index=True)
-            if len(first) >= k:
-                end = int(np.sort(first)[k - 1]) + 1
-                return similarity[:end], rows[:end], groups[:end]
-            if len(rows) < wanted:
-                return similarity, rows, groups
-            wanted *= 4
 
     def line(
         self,
@@ -501,26 +484,15 @@ class TactileIndex:
             No clip; an option is not supported; an embedding is of another encoder; another
             process holds the index.
         """
-        check_choice("provenance", provenance, ("human", "model"))
         made = [one if isinstance(one, Embedding) else self.embed(*one) for one in clips]
-        if not made:
-            raise UsageError("nothing to teach by: give at least one clip")
-        ratings = {key: float(value) for key, value in (labels or {}).items()}
-        if not all(0 <= value <= 10 for value in ratings.values()):
-            raise UsageError(f"labels are from 0 to 10, not {ratings}")
-        if not all(word.strip() for word in (*adjectives, *ratings)):
-            raise UsageError("an adjective or the name of a label is empty", where=name)
-        entry = Entry(
-            id=f"taught/{uuid.uuid4()}",
+        entry = taught_entry(
+            made,
             name=name,
-            object_id=object_id,
             part_id=part_id,
-            adjectives=tuple(adjectives),
-            labels=ratings,
+            object_id=object_id,
+            adjectives=adjectives,
+            labels=labels or {},
             provenance=provenance,
-            taught=True,
-            clips=len(made),
-            origins=tuple(dict.fromkeys(word for one in made for word in one.origins)),
         )
         vector = unit(self.place(made).mean(axis=0, keepdims=True))
         with changing(self.path) as document:

@@ -1,6 +1,6 @@
 """From the nearest clips to the most similar objects."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ __all__ = [
     "Ranking",
     "Unique",
     "check_choice",
+    "look",
     "rank",
     "similar_line",
 ]
@@ -74,6 +75,48 @@ def check_choice(name: str, value: str, supported: Sequence[str]) -> None:
         raise UsageError(
             f"invalid {name} ({value!r}). Supported values are {', '.join(map(repr, supported))}"
         )
+
+
+def look(
+    nearest: Callable[[int], tuple[np.ndarray, np.ndarray]],
+    codes: np.ndarray,
+    k: int,
+    samples: int | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Look at the nearest rows: at so many, or at as many as it takes to find k groups.
+
+    Parameters
+    ----------
+    nearest : callable
+        Returns similarity and row, each (1, n), of at most so many rows; −1 is no row.
+    codes : (R,) int
+        Group of each row.
+    k : int
+        How many groups are looked for.
+    samples : int or None
+        How many rows are looked at.
+
+    Returns
+    -------
+    similarity : (M,) float32
+        Falling.
+    row : (M,) int64
+    group : (M,) int
+    """
+    wanted = samples or 4 * k
+    while True:
+        similarity, rows = (found[0] for found in nearest(wanted))
+        similarity, rows = similarity[rows >= 0], rows[rows >= 0]
+        groups = codes[rows]
+        if samples is not None:
+            return similarity, rows, groups
+        _, first = np.unique(groups, return_index=True)
+        if len(first) >= k:
+            end = int(np.sort(first)[k - 1]) + 1
+            return similarity[:end], rows[:end], groups[:end]
+        if len(rows) < wanted:
+            return similarity, rows, groups
+        wanted *= 4
 
 
 def rank(

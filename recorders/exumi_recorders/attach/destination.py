@@ -1,26 +1,16 @@
 """The dataset that clips' episodes go into: one run at a time, and its catalog kept true."""
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from exumi_data.catalog import (
-    CATALOG_NAME,
-    EPISODES_FOLDER,
-    build_catalog,
-    episode_path,
-    list_episodes,
-    read_catalog,
-    rows_to_table,
-    write_catalog,
-)
-from exumi_data.dataset import create_dataset
+from exumi_data.catalog import CATALOG_NAME, episode_path, read_catalog
+from exumi_data.destination import only_run, take_up, update_catalog
 from exumi_data.episode import open_episode
-from exumi_data.errors import ExumiError, UsageError
+from exumi_data.errors import ExumiError
+from exumi_data.leftovers import clean_leftovers
 from exumi_data.model import DatasetMetadata, EpisodeMetadata
 from exumi_data.model.documents import dump
-from exumi_data.store.files import try_lock
 
 __all__ = ["Destination", "opened"]
 
@@ -31,10 +21,12 @@ class Destination:
     Parameters
     ----------
     root : pathlib.Path
+    cleaned : list of str
+        What was done about what a killed run had left, for the report.
     """
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, root: Path, cleaned: list[str]) -> None:
+        self.root, self.cleaned = root, cleaned
         table = read_catalog(root)
         self._rows = {} if table is None else {row["path"]: row for row in table.to_pylist()}
         self._changed: set[str] = set()
@@ -45,6 +37,13 @@ class Destination:
         self._changed.add(relative)
         (self.root / CATALOG_NAME).unlink(missing_ok=True)  # it would be wrong until the end
         return self.root / relative
+
+    def drop_packed(self, metadata: EpisodeMetadata) -> None:
+        """Remove the packed form of an episode that was written anew: they would be two."""
+        packed = self.root / episode_path(metadata.id, packed=True)
+        if packed.exists():
+            packed.unlink()
+            self._changed.add(packed.relative_to(self.root).as_posix())
 
     def is_current(self, metadata: EpisodeMetadata) -> bool:
         """Whether an episode is there, whole, and made of the same bytes and settings.
@@ -70,15 +69,8 @@ class Destination:
 
     def refresh_catalog(self) -> list[str]:
         """Write the catalog; read only what changed. Return what could not be read."""
-        present = list_episodes(self.root)
-        new = [path for path in present if path in self._changed or path not in self._rows]
-        built, problems = build_catalog(self.root, paths=new)
-        known = [self._rows[path] for path in present if path not in new]
-        table = rows_to_table([*known, *built.to_pylist()])
-        before = read_catalog(self.root)
-        if before is None or not table.equals(before):
-            write_catalog(self.root, table)
-        return [f"not in the catalog, because it cannot be read: {p.error}" for p in problems]
+        same = {path: row for path, row in self._rows.items() if path not in self._changed}
+        return update_catalog(self.root, same)
 
 
 def _same(found: EpisodeMetadata, wanted: EpisodeMetadata) -> bool:
@@ -102,23 +94,6 @@ def opened(path: Path, metadata: DatasetMetadata) -> Iterator[Destination]:
     UsageError
         The folder holds something else, cannot be written, or is being written by another command.
     """
-    try:
-        root = create_dataset(path, metadata)
-        (root / EPISODES_FOLDER).mkdir(exist_ok=True)
-    except OSError as error:
-        raise UsageError(
-            f"cannot be made ({error.strerror})", where=path, fix="Name a folder you may write to."
-        ) from None
-    descriptor = os.open(root, os.O_RDONLY)
-    try:
-        try:
-            try_lock(descriptor)
-        except BlockingIOError:
-            raise UsageError(
-                "another command is writing into this dataset",
-                where=root,
-                fix="Wait until it is done, or stop it.",
-            ) from None
-        yield Destination(root)
-    finally:
-        os.close(descriptor)
+    root = take_up(path, metadata)
+    with only_run(root):
+        yield Destination(root, clean_leftovers(root))

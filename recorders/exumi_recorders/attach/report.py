@@ -32,6 +32,10 @@ class ClipReport:
     correlation : float or None
         Of the camera's turning with the hand's.
     doubts : tuple of str
+        Of its place.
+    notes : tuple of str
+        What else is to be known of its episode, such as frames that are missing. Not looked for in
+        a dry run.
     reason : str
         Why it was not attached.
     """
@@ -46,6 +50,7 @@ class ClipReport:
     drift_ppm: float | None = None
     correlation: float | None = None
     doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     reason: str = ""
 
 

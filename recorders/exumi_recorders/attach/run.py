@@ -29,9 +29,11 @@ from exumi_recorders.attach.poses import PoseReader
 from exumi_recorders.attach.report import AttachReport, ClipReport, MissingReport, Status
 from exumi_recorders.attach.sessions import find_sessions, pose_stream
 from exumi_recorders.attach.writing import (
+    DOUBTFUL,
     TOOL,
     Attachment,
     describe,
+    notes_on,
     offset_sigma_s,
     write_episode,
 )
@@ -70,6 +72,8 @@ class AttachOptions:
         placed. Default: what the session says.
     marker : MarkerSettings
         What was swept past in those clips.
+    check_frames : bool
+        Decode every frame of a clip, and list only those that can be.
     dry_run : bool
         Write nothing.
     durable : bool
@@ -83,6 +87,7 @@ class AttachOptions:
     without: tuple[str, ...] = ()
     calibration: Path | None = None
     marker: MarkerSettings = field(default_factory=MarkerSettings)
+    check_frames: bool = False
     dry_run: bool = False
     durable: bool = True
 
@@ -353,7 +358,7 @@ def _write_all(
                 reports.append(
                     replace(report, status="failed", reason=error.strerror or str(error))
                 )
-        return reports, dataset.refresh_catalog()
+        return reports, [*dataset.cleaned, *dataset.refresh_catalog()]
 
 
 def _write_one(  # what, from where, and whereto
@@ -366,7 +371,7 @@ def _write_one(  # what, from where, and whereto
     digests: dict[str, str],
 ) -> ClipReport:
     episode = session.episode
-    frames = list_frames(clip.path, clip.path.name)
+    frames = list_frames(clip.path, clip.path.name, check=options.check_frames)
     if episode.id not in digests:
         digests[episode.id] = episode.digest()
     attachment = Attachment(
@@ -381,10 +386,13 @@ def _write_one(  # what, from where, and whereto
         match=match,
     )
     metadata = describe(attachment)
-    report = replace(report, episode=metadata.id)
+    notes = [note for note in notes_on(attachment) if note.code != DOUBTFUL]
+    said = tuple(note.message.removeprefix(f"{clip.name}: ") for note in notes)
+    report = replace(report, episode=metadata.id, notes=said)
     if dataset.is_current(metadata):
         return replace(report, status="present")
     write_episode(attachment, metadata, dataset.path_of(metadata), durable=options.durable)
+    dataset.drop_packed(metadata)
     return report
 
 

@@ -27,9 +27,20 @@ from exumi_data.synchronisation.matching import Match
 from exumi_data.synchronisation.placing import METHOD, Placement
 from exumi_recorders.attach.cutting import Stretch, cut_annotations, cut_stream
 
-__all__ = ["TOOL", "Attachment", "describe", "episode_id", "offset_sigma_s", "write_episode"]
+__all__ = [
+    "DOUBTFUL",
+    "TOOL",
+    "Attachment",
+    "describe",
+    "episode_id",
+    "notes_on",
+    "offset_sigma_s",
+    "write_episode",
+]
 
 TOOL = "exumi attach"
+DOUBTFUL = "doubtful-place"
+"""Code of the note on a clip whose place is not quite certain."""
 _CONVERTER = "attach/1"
 _MARGIN_SHORT_NS = 100_000_000
 
@@ -142,6 +153,7 @@ def describe(attachment: Attachment) -> EpisodeMetadata:
         "session_t_ref_ns": placement.t_ref_ns,
         "session_drift_ppm": placement.drift_ppm,
         "correlation": round(placement.correlation, 5),
+        "frames": len(attachment.frames.pts),
         "session_tool": f"{parent.source.tool} {parent.source.tool_version}",
     }
     converted = parent.source.type == "converted"
@@ -159,7 +171,7 @@ def describe(attachment: Attachment) -> EpisodeMetadata:
         parent_digest=attachment.session_digest,
     )
     metadata.quality = [note for note in metadata.quality if note.stream not in attachment.without]
-    metadata.quality += _notes(attachment)
+    metadata.quality += notes_on(attachment)
     return metadata
 
 
@@ -168,10 +180,16 @@ def _digest(settings: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _notes(attachment: Attachment) -> list[QualityNote]:
+def notes_on(attachment: Attachment) -> list[QualityNote]:
+    """Return what a user of the episode should know of its clip.
+
+    Parameters
+    ----------
+    attachment : Attachment
+    """
     stream, clip = attachment.stream, attachment.clip
     notes = [
-        QualityNote(code="doubtful-place", message=f"{clip.name}: {doubt}", stream=stream)
+        QualityNote(code=DOUBTFUL, message=f"{clip.name}: {doubt}", stream=stream)
         for doubt in attachment.match.doubts
     ]
     if attachment.frames.problem:

@@ -8,6 +8,7 @@ written.
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,19 +25,27 @@ from exumi_data.model.clock import Clock
 from exumi_data.model.description import CalibrationItem, QualityNote
 from exumi_data.model.documents import dump
 from exumi_data.model.images import VideoImages
-from exumi_data.model.streams import TactileStream, WidthStream, images_of
+from exumi_data.model.streams import RawData, TactileStream, WidthStream, images_of
 from exumi_data.standard import flags, units
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.time import apply_clock, strictly_increasing
-from exumi_data.width_map import WIDTH_MAP, WidthMap, read_width_map
+from exumi_data.width_map import (
+    NOT_CALIBRATED,
+    WIDTH_MAP,
+    WidthMap,
+    read_width_map,
+)
 from exumi_recorders.calibration.files import Calibration
 from exumi_recorders.calibration.tactile import DEPTH_TABLE, SCALE
+from exumi_recorders.placed_clips import placed_by
 
 __all__ = ["NOTE", "Applied", "apply_calibration", "named"]
 
 NOTE = "calibration-applied"
 """Code of the quality note that says which calibration an episode was corrected by."""
 
+# Poses and pictures are late by parts of a second; even what the internet carries is by no more.
+_MOST_LATENCY_NS = 10_000_000_000
 _OF_STREAMS = (LATENCY, INTRINSICS, RECTIFICATION, RIG_REFERENCE, DEPTH_TABLE, SCALE)
 _IMAGES = (INTRINSICS, RECTIFICATION, RIG_REFERENCE)
 
@@ -54,6 +63,8 @@ class Applied:
         Items that are new or others than before.
     times, widths : tuple of str
         Streams whose times, or widths, were computed again.
+    out_of_range : dict of str to int
+        For the streams of `widths`, how many readings are beyond the map.
     left_out : dict of str to str
         Items that were not applied, and why.
     is_changed : bool
@@ -65,6 +76,7 @@ class Applied:
     changed: tuple[str, ...]
     times: tuple[str, ...]
     widths: tuple[str, ...]
+    out_of_range: dict[str, int]
     left_out: dict[str, str]
     is_changed: bool
 
@@ -77,6 +89,7 @@ class _Plan:
     arrays: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
     fields: dict[str, dict[str, Any]] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
+    out_of_range: dict[str, int] = field(default_factory=dict)
 
     def change(self, stream: str, arrays: dict[str, np.ndarray], **fields: Any) -> None:
         self.arrays.setdefault(stream, {}).update(arrays)
@@ -135,6 +148,7 @@ def apply_calibration(
         changed=tuple(plan.items),
         times=tuple(name for name, arrays in plan.arrays.items() if "time" in arrays),
         widths=tuple(name for name, arrays in plan.arrays.items() if "data" in arrays),
+        out_of_range=plan.out_of_range,
         left_out=plan.left_out,
         is_changed=changed,
     )
@@ -161,8 +175,8 @@ def _planned(episode: Episode, calibration: Calibration) -> _Plan:
             if getattr(stream.metadata, "mm_per_px", None) != item.value:
                 plan.change(stream.name, {}, mm_per_px=item.value)
     for stream in episode.streams.values():
-        if isinstance(stream.metadata, WidthStream):
-            _remapped(stream, wanted, plan)
+        _move_along(episode, stream, plan)
+    _remap(episode, wanted, plan)
     for name, item in wanted.items():
         if not _same(episode, name, item, calibration.arrays.get(name)):
             plan.items[name] = item
@@ -217,8 +231,9 @@ def _retimed(stream: StreamView, item: CalibrationItem, plan: _Plan) -> str | No
     """Plan a stream's new times; return why there can be none."""
     clock = stream.metadata.clock
     latency = item.value
-    if isinstance(latency, bool) or not isinstance(latency, int) or item.unit != "ns":
-        return "its value is no whole number of ns"
+    reason = _no_latency(item)
+    if reason is not None:
+        return reason
     later = _with_latency(clock, latency, item)
     if later == clock:
         return None
@@ -240,6 +255,40 @@ def _retimed(stream: StreamView, item: CalibrationItem, plan: _Plan) -> str | No
     return None
 
 
+def _no_latency(item: CalibrationItem) -> str | None:
+    """Return why an item is no latency, or None."""
+    latency = item.value
+    if isinstance(latency, bool) or not isinstance(latency, int) or item.unit != "ns":
+        return "its value is no whole number of ns"
+    if abs(latency) > _MOST_LATENCY_NS:
+        return f"{latency * 1e-9:g} s are no latency"
+    return None
+
+
+def _move_along(episode: Episode, stream: StreamView, plan: _Plan) -> None:
+    """Plan the new times of a clip that was placed by poses whose latency is another one now."""
+    pose = placed_by(stream.metadata.clock)
+    if pose is None or pose not in episode:
+        return
+    before = episode[pose].metadata.clock
+    after = plan.fields.get(pose, {}).get("clock", before)
+    if after == before:
+        return
+    earlier = after.latency_ns - before.latency_ns
+    clock = plan.fields.get(stream.name, {}).get("clock", stream.metadata.clock)
+    power = (clock.offset_sigma_ns or 0.0) ** 2
+    power += (after.latency_sigma_ns or 0.0) ** 2 - (before.latency_sigma_ns or 0.0) ** 2
+    terms: dict[str, int] = {"offset_sigma_ns": round(math.sqrt(max(power, 0.0)))}
+    if clock.raw_time is not None or isinstance(images_of(stream.metadata), VideoImages):
+        terms["offset_ns"] = clock.offset_ns - earlier
+    later = clock.model_copy(update=terms)
+    changed = {}
+    if earlier:
+        time = plan.arrays.get(stream.name, {}).get("time", stream.time)
+        changed["time"] = time - np.int64(earlier)
+    plan.change(stream.name, changed, clock=later)
+
+
 def _follows(stream: StreamView, raw_ns: np.ndarray) -> bool:
     """Whether a stream's times are what its clock makes of raw times, but for nudged ones."""
     off = np.abs(_computed(raw_ns, stream.metadata.clock) - stream.time) > 1
@@ -251,9 +300,10 @@ def _follows(stream: StreamView, raw_ns: np.ndarray) -> bool:
 
 def _with_latency(clock: Clock, latency_ns: int, item: CalibrationItem) -> Clock:
     """Return a clock with another latency; what is said of its offset and drift stays."""
-    said = [part for part in (clock.method or "").split("; ") if part.startswith("clock: ")]
-    if not said and clock.method and (clock.drift_ppm or clock.offset_ns):
-        said = [f"clock: {clock.method.split('; latency: ')[0]}"]
+    before = (clock.method or "").split("; latency: ")[0]
+    said = [before] if before.startswith("clock: ") else []
+    if not said and before and (clock.drift_ppm or clock.offset_ns):
+        said = [f"clock: {before}"]
     told = item.method or item.procedure
     parts = [*said, *([f"latency: {told}"] if told else [])]
     return clock.model_copy(
@@ -300,35 +350,73 @@ def _marked(stream: StreamView, flag: str, where: np.ndarray) -> dict[str, np.nd
     return {} if np.array_equal(marked, there) else {"flags": marked}
 
 
-def _remapped(stream: StreamView, wanted: dict[str, CalibrationItem], plan: _Plan) -> None:
-    """Plan a stream's new widths, where a map for it is among the items."""
-    described = getattr(stream.metadata, "raw", None)
+def _remap(episode: Episode, wanted: dict[str, CalibrationItem], plan: _Plan) -> None:
+    """Plan the new widths of all streams; leave out the maps that none of them is by."""
+    named = {}
+    for stream in episode.streams.values():
+        described = getattr(stream.metadata, "raw", None)
+        if isinstance(stream.metadata, WidthStream) and described is not None:
+            named[stream.name] = described.transform or WIDTH_MAP
+            if named[stream.name] in wanted:
+                _remapped(stream, described, wanted, plan)
+    for name, item in list(wanted.items()):
+        if (
+            named
+            and name not in named.values()
+            and isinstance(read_width_map(item.value), WidthMap)
+        ):
+            others = ", ".join(f"{stream!r} is by {by!r}" for stream, by in named.items())
+            plan.left_out[name] = f"no width is by a map of this name: {others}"
+            del wanted[name]
+
+
+def _remapped(
+    stream: StreamView, described: RawData, wanted: dict[str, CalibrationItem], plan: _Plan
+) -> None:
+    """Plan a stream's new widths by the map that is among the items."""
     raw = stream.raw
-    if described is None or raw is None:
+    if raw is None:
         return
     name = described.transform or WIDTH_MAP
-    if name not in wanted:
-        return
     item = wanted[name]
-    stated = read_width_map(item.value)
+    stated_modulus = item.value.get("modulus") if isinstance(item.value, dict) else None
+    modulus = described.modulus or (None if _has_turns(raw) else stated_modulus)
+    stated = read_width_map(item.value, modulus)
     if not isinstance(stated, WidthMap):
         plan.left_out[name] = stated
         del wanted[name]
         return
-    modulus = described.modulus or (item.value.get("modulus") if item.value else None)
     data, outside = stated.widths(raw, modulus)
     changed: dict[str, np.ndarray] = {}
     if not np.array_equal(data, stream.data):
         changed["data"] = data
+        plan.out_of_range[stream.name] = int(np.count_nonzero(outside))
         # Flags may have been changed with the times already.
         before = plan.arrays.get(stream.name, {}).get("flags")
         changed.update(_marked(stream, "out_of_range", outside))
+        changed.update(_made_valid(stream, changed.get("flags", stream.flags)))
         if before is not None and "flags" in changed:
             nudged = np.uint32(flags()["time_nudged"].mask)
             changed["flags"] = (changed["flags"] & ~nudged) | (before & nudged)
     later = described.model_copy(update={"transform": name, "modulus": modulus})
     if changed or later != described:
         plan.change(stream.name, changed, raw=later)
+
+
+def _made_valid(stream: StreamView, marks: np.ndarray | None) -> dict[str, np.ndarray]:
+    """Return flags without `invalid` where that was only said because there was no map."""
+    before = stream.flags
+    if before is None or marks is None:
+        return {}
+    invalid, outside = (np.uint32(flags()[name].mask) for name in ("invalid", "out_of_range"))
+    both = (before & (invalid | outside)) == (invalid | outside)
+    unknown = both & ~np.isfinite(stream.data)
+    return {"flags": np.where(unknown, marks & ~invalid, marks)} if unknown.any() else {}
+
+
+def _has_turns(raw: np.ndarray) -> bool:
+    """Whether counts are recorded with their turns: those that wrap are not negative."""
+    return raw.dtype.kind == "i"
 
 
 def _write(
@@ -349,7 +437,15 @@ def _write(
         message=f"{', '.join(names)} from {source}",
         severity="info",
     )
-    metadata.quality = [*(n for n in metadata.quality if n.code != NOTE), note]
+    mapped = {name for name, arrays in plan.arrays.items() if "data" in arrays}
+    metadata.quality = [
+        *(
+            n
+            for n in metadata.quality
+            if n.code != NOTE and not (n.code == NOT_CALIBRATED and n.stream in mapped)
+        ),
+        note,
+    ]
     arrays = {name: calibration.arrays[name] for name in plan.items if name in calibration.arrays}
     replaced = {f"calibration/{name}" for name in plan.items}
     with EpisodeWriter(path, metadata, overwrite=True, durable=durable) as writer:
@@ -361,20 +457,7 @@ def _write(
         writer.copy_group(episode, "annotations")
         for name, values in arrays.items():
             writer.add_calibration_array(name, values)
-        _carry_derived(episode, writer)
-
-
-def _carry_derived(episode: Episode, writer: EpisodeWriter) -> None:
-    """Take over the derived arrays: none is computed from times or widths."""
-    if episode.derived is None:
-        return
-    writer.derived = episode.derived.model_copy(deep=True)
-    for key, item in episode.derived.items.items():
-        stream, _, name = key.partition("/")
-        values = episode.derived_array(key)
-        if values is not None:
-            said = {field: getattr(item, field) for field in ("algorithm", "parameters", "inputs")}
-            writer.add_derived(stream, name, values, **said, **(item.model_extra or {}))
+        writer.copy_derived(episode)  # nothing is derived from times or widths
 
 
 def named(path: Path) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ _MATRIX = ("camera_matrix", "cameraMatrix", "K", "mtx")
 _DISTORTION = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "D", "dist")
 _ERROR = ("avg_reprojection_error", "reprojection_error", "rms")
 _FISHEYE_WORDS = ("fisheye", "equidistant", "kannala_brandt4")
+# Of OpenCV: radial two and tangential two, or the four of a fisheye.
+_OF_EITHER = 4
 _FIX = "Supported: OpenImuCameraCalibrator's JSON; OpenCV's YAML and JSON; ROS's camera_info YAML."
 
 
@@ -38,8 +40,7 @@ def read_intrinsics(
         Of OpenImuCameraCalibrator (JSON), or with the camera's matrix and coefficients as OpenCV
         (YAML, JSON) or ROS (YAML) write them.
     fisheye : bool, optional
-        Whether four coefficients are those of a fisheye. Default: what the file says; OpenCV's own
-        do not.
+        Whether it is a fisheye, where the file does not say; OpenCV's own do not.
     size : (int, int), optional
         Width and height of the images, where the file does not say.
 
@@ -54,7 +55,8 @@ def read_intrinsics(
     Raises
     ------
     SourceError
-        It is none of these, or numbers are missing or impossible.
+        It is none of these, numbers are missing or impossible, it does not say which model its four
+        coefficients are of, or it says other than what is given.
     """
     try:
         if path.stat().st_size > _MOST_BYTES:
@@ -67,6 +69,7 @@ def read_intrinsics(
         if document is not None and "intrinsics" in document:
             residual = document.get("final_reproj_error")
             camera = from_open_camera_calibrator(document)
+            _agree(camera, fisheye, size)
             return camera, _number(residual), "OpenImuCameraCalibrator"
         values = _values(document) if document is not None else _opencv_values(text, path)
         return _camera(values, fisheye, size), _number(values.get("error")), values["method"]
@@ -176,16 +179,15 @@ def _camera(
     (fx, skew, cx), (other, fy, cy), last = matrix.reshape(3, 3).tolist()
     if last != [0.0, 0.0, 1.0] or other:
         raise ValueError("the camera matrix is none")
-    width, height = size or (values["width"], values["height"])
+    stated = (values["width"], values["height"])
+    width, height = stated if all(stated) else size or (None, None)
     if not width or not height:
         raise ValueError("the file does not say for images of which size it holds: give --size")
-    if fisheye is None:
-        fisheye = any(word in values["model"].lower() for word in _FISHEYE_WORDS)
     coefficients = [] if distortion is None else distortion.ravel().tolist()
     if not any(coefficients):
         coefficients = []
-    return Intrinsics(
-        model="fisheye" if fisheye else "pinhole",
+    camera = Intrinsics(
+        model=_model(values["model"].lower(), len(coefficients), fisheye),
         width=int(width),
         height=int(height),
         fx=fx,
@@ -195,6 +197,35 @@ def _camera(
         skew=skew,
         distortion=coefficients,
     )
+    _agree(camera, fisheye, size)
+    if not (0 <= camera.cx <= camera.width and 0 <= camera.cy <= camera.height):
+        raise ValueError(
+            f"the middle of the picture, {camera.cx:.0f}, {camera.cy:.0f}, is outside of images of "
+            f"{camera.width}x{camera.height}: it holds for another size"
+        )
+    return camera
+
+
+def _model(said: str, coefficients: int, fisheye: bool | None) -> Literal["pinhole", "fisheye"]:
+    """Return the model that a file says, or a user where it does not."""
+    if any(word in said for word in _FISHEYE_WORDS):
+        return "fisheye"
+    if fisheye is not None and not said:
+        return "fisheye" if fisheye else "pinhole"
+    if coefficients == _OF_EITHER and not said:
+        raise ValueError(
+            f"{coefficients} coefficients are those of a fisheye or of a pinhole, and the file "
+            "does not say which: give --fisheye or --pinhole"
+        )
+    return "pinhole"
+
+
+def _agree(camera: Intrinsics, fisheye: bool | None, size: tuple[int, int] | None) -> None:
+    """Refuse what a user says and a file says otherwise."""
+    if size not in (None, (camera.width, camera.height)):
+        raise ValueError(f"the file is of images of {camera.width}x{camera.height}")
+    if fisheye is not None and (camera.model == "fisheye") != fisheye:
+        raise ValueError(f"the file says that it is a {camera.model}")
 
 
 def intrinsics_item(
@@ -216,6 +247,12 @@ def intrinsics_item(
     item : CalibrationItem
     """
     item = CalibrationItem(
-        value=dump(camera), unit="px", residual=residual_px, uncertainty=None, method=method
+        value=dump(camera),
+        unit="px",
+        residual=residual_px,
+        uncertainty=None,
+        method=method,
+        procedure=f"imported: {camera.model}, {camera.width}x{camera.height}, focal length "
+        f"{camera.fx:.1f} and {camera.fy:.1f} px, {len(camera.distortion or ())} coefficients",
     )
     return INTRINSICS + stream, item

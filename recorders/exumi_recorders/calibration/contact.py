@@ -15,19 +15,14 @@ from numpy.typing import NDArray
 
 from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_data.model.description import CalibrationItem
-from exumi_data.synchronisation import (
-    LatencyEstimate,
-    estimate_touch_latency,
-    find_touches,
-    search_lag,
-)
+from exumi_data.synchronisation import estimate_touch_latency, find_touches
+from exumi_recorders.calibration.finger_motion import METHOD, finger_lag
 
 __all__ = [
     "ContactLatency",
     "contact_item",
     "encoder_stops",
     "image_latency",
-    "motion_energy_times",
     "touch_latency",
 ]
 
@@ -142,7 +137,7 @@ def touch_latency(
             fix="Close on something rigid ten times, slowly, and open again until nothing is "
             "touched.",
         )
-    _check_sigma(found)
+    _check_sigma(found.sigma_s)
     stops = encoder_stops(width_ns, width_m)
     onsets = np.array([tactile_ns[touch.first] for touch in touches], np.int64)
     onset = None
@@ -154,18 +149,13 @@ def touch_latency(
     return ContactLatency(found.offset_s, found.sigma_s, found.n_events, found.method, onset)
 
 
-def _check_sigma(found: LatencyEstimate) -> None:
-    if found.sigma_s > _MOST_SIGMA_S:
+def _check_sigma(sigma_s: float) -> None:
+    if sigma_s > _MOST_SIGMA_S:
         raise CalibrationRefusedError(
-            f"the latency is known to {1e3 * found.sigma_s:.0f} ms only, needed are "
+            f"the latency is known to {1e3 * sigma_s:.0f} ms only, needed are "
             f"{1e3 * _MOST_SIGMA_S:.0f}",
             fix="Close and open at the same slow pace; take something that does not give way.",
         )
-
-
-def motion_energy_times(time_ns: Int64Array) -> Int64Array:
-    """Return the moments that differences of successive frames belong to: half-way between."""
-    return np.asarray(time_ns[:-1] + (time_ns[1:] - time_ns[:-1]) // 2, np.int64)
 
 
 def image_latency(
@@ -198,21 +188,16 @@ def image_latency(
     """
     if len(frame_ns) < _LEAST_STREAM or len(width_ns) < _LEAST_STREAM:
         raise CalibrationRefusedError("too few frames or widths")
-    # The way of the fingers within one frame's time, as the difference of two frames sees it.
-    half = int(np.median(np.diff(frame_ns))) // 2
-    before, after = (np.interp(width_ns + side, width_ns, width_m) for side in (-half, half))
-    found = search_lag(
-        motion_energy_times(frame_ns), energy, width_ns, np.abs(after - before), max_lag_s=0.4
-    )
+    found = finger_lag(frame_ns, energy, width_ns, width_m)
     if found is None:
         raise CalibrationRefusedError(
             "the images do not show when the fingers move",
             fix="Hold the hand still while the gripper closes and opens, ten times at uneven "
             "intervals, with the fingers in sight.",
         )
-    _check_sigma(found)
+    _check_sigma(found.sigma_s)
     # A frame shows the middle of its exposure, which the latency then holds; nothing is added.
-    return ContactLatency(found.offset_s, found.sigma_s, 1, found.method)
+    return ContactLatency(found.lag_s, found.sigma_s, 1, METHOD)
 
 
 def contact_item(found: ContactLatency, *, width_sigma_s: float = 0.0) -> CalibrationItem:

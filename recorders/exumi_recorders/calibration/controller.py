@@ -43,7 +43,8 @@ HAND_EYE_METHOD = "exumi-hand-eye/1"
 Float64Array = NDArray[np.float64]
 
 _FEWEST = 30
-_PARTS = 12
+# Long enough that a tracker that wanders for a second or two is seen in what they differ by.
+_PARTS = 6
 _LEAST_TURN_RAD = math.radians(8.0)
 _MOST_RESIDUAL_M = 5e-3
 _MOST_RESIDUAL_RAD = math.radians(2.0)
@@ -85,7 +86,7 @@ def pivot(poses: Float64Array) -> Pivot:
     """Find the tip that stayed where it was while the hand turned.
 
     Least squares of R·tip + p = point over all poses; poses that are off by more than four standard
-    deviations are left out. The uncertainty is a jackknife's over twelve stretches of time, for
+    deviations are left out. The uncertainty is a jackknife's over six stretches of time, for
     errors that follow each other.
 
     Parameters

@@ -26,7 +26,15 @@ from exumi_data.model.description import CalibrationItem
 from exumi_data.model.documents import check_version, dump, load_json, problems_of
 from exumi_data.store.files import write_atomic
 
-__all__ = ["Calibration", "array_path", "merge", "read_calibration", "update", "write_calibration"]
+__all__ = [
+    "Calibration",
+    "array_path",
+    "check_name",
+    "merge",
+    "read_calibration",
+    "update",
+    "write_calibration",
+]
 
 FORMAT = "exumi-calibration"
 
@@ -130,6 +138,10 @@ def _document(place: Path) -> _Document:
     except OSError as error:
         raise UsageError(f"cannot be read ({error.strerror})", where=place) from None
     value = load_json(raw, place)
+    try:
+        json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        raise MetadataError("holds half of a letter", where=place, fix=_FIX) from None
     newer = check_version(value, FORMAT, place)
     try:
         return _Document.model_validate(value, context={"newer_minor": newer})
@@ -169,6 +181,26 @@ def _check_sizes(raw: bytes, where: Path) -> None:
             raise LimitError(f"larger than {_MOST_ARRAY_BYTES:,} bytes unpacked", where=where)
 
 
+def check_name(path: Path) -> None:
+    """Refuse what is no name of a calibration file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+
+    Raises
+    ------
+    UsageError
+        It is none.
+    """
+    if not _NAME.fullmatch(path.name):
+        raise UsageError(
+            "no name for a calibration file",
+            where=path,
+            fix="It is letters, digits, ., _ and -, and ends in .json.",
+        )
+
+
 def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> Path:
     """Write a calibration file, whole or not at all; one that is there is replaced.
 
@@ -188,12 +220,7 @@ def write_calibration(path: str | os.PathLike[str], calibration: Calibration) ->
         The name is none of a calibration file.
     """
     place = Path(path)
-    if not _NAME.fullmatch(place.name):
-        raise UsageError(
-            "no name for a calibration file",
-            where=place,
-            fix="It is letters, digits, ., _ and -, and ends in .json.",
-        )
+    check_name(place)
     stated = None
     if calibration.arrays:
         raw = _packed(calibration.arrays)

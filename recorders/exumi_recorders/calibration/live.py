@@ -4,20 +4,20 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exumi_data.errors import ExumiError, UsageError
-from exumi_data.gripper_readings import GripperReadings, circular_mean
+from exumi_data.gripper_readings import GripperReadings, circular_mean, from_mean
 from exumi_data.standard import flags
 from exumi_data.store import jpeg
 from exumi_recorders.calibration.files import Calibration, merge
 from exumi_recorders.calibration.tactile import captured_reference
-from exumi_recorders.contract import Driver, Files, Port, Sample
+from exumi_recorders.contract import Driver, Files, Port, Rows, Sample
+from exumi_recorders.finalise.rows import row_dtype
 from exumi_recorders.rig.loading import load_rig
-from exumi_recorders.rig.model import Rig
+from exumi_recorders.rig.model import Rig, expanded
 from exumi_recorders.rig.simulated import NAME, SimulatedSettings, simulated_rig
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "capture_references",
     "encoder_of",
     "live_rig",
+    "ports_of",
     "read_opening",
     "read_openings",
     "tactile_of",
@@ -42,7 +43,6 @@ _READ_S = 0.05
 _FEWEST = 20
 # Counts: a gripper that is held still keeps within the encoder's noise.
 _MOST_RANGE = 6
-_MODULUS = 4096
 # Cameras begin with frames whose exposure is not settled, or that are old.
 _SETTLE_S = 1.0
 _SIMULATED_S = 4.0
@@ -114,7 +114,7 @@ def live_rig(name: str) -> Iterator[Rig]:
         Path of the rig file, or ``simulated``.
     """
     if name != NAME:
-        yield load_rig(Path(name).expanduser())
+        yield load_rig(expanded(name))
         return
     with simulated_rig(SimulatedSettings(seconds=_SIMULATED_S)) as started:
         # When the session is over, the hand rests and touches nothing.
@@ -123,7 +123,14 @@ def live_rig(name: str) -> Iterator[Rig]:
         yield started.rig
 
 
-def _ports(rig: Rig, wanted: Callable[[Port], bool]) -> list[LivePort]:
+def ports_of(rig: Rig, wanted: Callable[[Port], bool]) -> list[LivePort]:
+    """Return those ports of a rig's devices that are recorded, and wanted; none is open.
+
+    Parameters
+    ----------
+    rig : Rig
+    wanted : callable
+    """
     found = []
     for device in rig.devices:
         driver = device.driver.make(device.options)
@@ -151,7 +158,7 @@ def encoder_of(rig: Rig, device: str | None) -> LivePort:
     """
     found = [
         port
-        for port in _ports(rig, lambda port: port.transform == "encoder_map")
+        for port in ports_of(rig, lambda port: port.transform == "encoder_map")
         if device in (None, port.device)
     ]
     if len(found) != 1:
@@ -178,7 +185,7 @@ def tactile_of(rig: Rig, stream: str | None) -> list[LivePort]:
     """
     found = [
         port
-        for port in _ports(
+        for port in ports_of(
             rig, lambda port: port.kind == "tactile" and isinstance(port.payload, Files)
         )
         if stream in (None, port.stream)
@@ -236,22 +243,25 @@ def read_opening(encoder: LivePort, opening_m: float, *, seconds: float = 1.0) -
     samples = encoder.samples(seconds)
     invalid = flags()["invalid"].mask
     good = [sample.payload for sample in samples if not sample.flags & invalid]
-    counts = np.frombuffer(b"".join(good), "<u2").astype(np.int64)
+    assert isinstance(encoder.port.payload, Rows)  # noqa: S101  # an encoder's samples are rows
+    rows = np.frombuffer(b"".join(good), row_dtype(encoder.port.payload))
+    counts = rows["raw"].astype(np.int64)
     if len(counts) < _FEWEST:
         problems = encoder.driver.health().problems
         reason = problems[0] if problems else f"{len(counts)} usable readings of {len(samples)}"
         return OpeningReading(opening_m, counts, np.nan, np.nan, reason)
     modulus = modulus_of(encoder.port)
     mean, spread = circular_mean(counts, modulus)
-    away = (counts - mean + modulus / 2) % modulus - modulus / 2
+    away = from_mean(counts, mean, modulus)
     moved = float(away.max() - away.min())
     problem = "" if moved <= _MOST_RANGE else f"it moved by {moved:.0f} counts: hold it still"
     return OpeningReading(opening_m, counts, mean, spread, problem)
 
 
-def modulus_of(port: Port) -> int:
-    """Return where a port's counts wrap."""
-    return int((port.metadata.get("raw") or {}).get("modulus") or _MODULUS)
+def modulus_of(port: Port) -> int | None:
+    """Return where a port's counts wrap; None where turns are counted."""
+    modulus: int | None = (port.metadata.get("raw") or {}).get("modulus")
+    return modulus
 
 
 def read_openings(
@@ -290,8 +300,9 @@ def read_openings(
             taken = taken[:-1]
             continue
         found = read_opening(encoder, opening_m, seconds=seconds)
-        if found.problem:
-            tell(f"  not taken: {found.problem}")
+        problem = found.problem or _unmoved(taken[-1:], found, modulus_of(encoder.port))
+        if problem:
+            tell(f"  not taken: {problem}")
             continue
         tell(f"  count {found.mean:.1f} ± {found.spread:.1f}, {len(found.counts)} readings")
         taken.append(found)
@@ -301,6 +312,21 @@ def read_openings(
         modulus_of(encoder.port),
         ("read live",),
     )
+
+
+def _unmoved(before: Sequence[OpeningReading], found: OpeningReading, modulus: int | None) -> str:
+    """Say so where the count is still that of the opening before, if there is one.
+
+    At the end all readings would be in vain.
+    """
+    for other in before:
+        away = float(from_mean(np.array([found.mean]), other.mean, modulus)[0])
+        if other.opening_m != found.opening_m and abs(away) <= _MOST_RANGE:
+            return (
+                f"the count is that of {1e3 * other.opening_m:g} mm still, {found.mean:.0f}: "
+                "does the encoder turn with the gripper?"
+            )
+    return ""
 
 
 def capture_references(ports: Sequence[LivePort], *, seconds: float = 1.0) -> Calibration:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from exumi_data.synchronisation.sweep import SweepResult
 
-__all__ = ["draw_sweep", "png"]
+__all__ = ["draw_sweep", "draw_sweeps", "png"]
 
 UInt8Array = NDArray[np.uint8]
 Float64Array = NDArray[np.float64]
@@ -19,6 +21,25 @@ _WHITE, _GREY, _LIGHT = (255, 255, 255), (110, 110, 110), (225, 225, 225)
 _MARKER, _POSE = (178, 114, 0), (0, 94, 213)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _SHOWN_S = 6.0
+
+
+def draw_sweeps(results: Sequence[SweepResult], latency_ns: int) -> UInt8Array:
+    """Draw sweeps of one session one below the other, all with the value that is used.
+
+    Parameters
+    ----------
+    results : sequence of SweepResult
+    latency_ns : int
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        BGR.
+    """
+    images = [draw_sweep(result, latency_ns) for result in results]
+    for number, image in enumerate(images if len(images) > 1 else [], start=1):
+        _text(image, (_WIDTH // 2 - 60, _top(0) - 10), f"sweep {number} of {len(images)}")
+    return np.concatenate(images)
 
 
 def draw_sweep(result: SweepResult, latency_ns: int) -> UInt8Array:
@@ -94,7 +115,8 @@ def _curves(
         cv2.circle(image, (int(x), int(y)), 40, _MARKER, -1, cv2.LINE_AA, 4)
     apart = 1e3 * float(np.sqrt(np.mean((marker - _at(result, pose, shift_ns)) ** 2)))
     use = "refused, not used" if result.refusals else "as used"
-    said = "as recorded" if not shift_ns else f"poses {1e-6 * shift_ns:+.2f} ms earlier: {use}"
+    way = "earlier" if shift_ns > 0 else "later"
+    said = "as recorded" if not shift_ns else f"poses {1e-6 * abs(shift_ns):.2f} ms {way}: {use}"
     _text(image, (_EDGE, top - 10), f"{said}   ({apart:.1f} mm apart, rms)")
     _text(image, (_WIDTH - _EDGE - 190, top - 10), "marker", _MARKER)
     _text(image, (_WIDTH - _EDGE - 90, top - 10), "poses", _POSE)

@@ -31,6 +31,7 @@ __all__ = [
     "motion_energy",
     "pose_track",
     "stream_of",
+    "width_track",
 ]
 
 
@@ -40,31 +41,36 @@ _AT_START = ("buffer_soe", "container_pts", "device", "simulated", "nominal_rate
 
 
 def stream_of(episode: Episode, kind: str, name: str | None) -> StreamView:
-    """Return the stream that a user means: the one that is named, or the only one of its kind.
+    """Return the stream that a user means.
 
     Parameters
     ----------
     episode : Episode
     kind : str
     name : str, optional
+        Default: the only one of its kind, or the one that is called like its kind.
 
     Raises
     ------
     UsageError
-        There is none, or more than one and none is named.
+        There is none, or more than one and it is not clear which.
     """
     if name is not None:
         stream = episode[name]
         if stream.kind != kind:
             raise UsageError(f"{name!r} is a stream of kind {stream.kind}", where=episode.path)
         return stream
-    streams = episode.of_kind(kind)
-    if len(streams) != 1:
-        names = ", ".join(stream.name for stream in streams) or "none"
+    streams = {stream.name: stream for stream in episode.of_kind(kind)}
+    if not streams:
+        raise UsageError(f"has no stream of kind {kind}", where=episode.path)
+    chosen = next(iter(streams)) if len(streams) == 1 else kind
+    if chosen not in streams:
         raise UsageError(
-            f"which stream of kind {kind}: {names}", where=episode.path, fix="Name it."
+            f"which stream of kind {kind}: {', '.join(streams)}",
+            where=episode.path,
+            fix="Name it with the option for it.",
         )
-    return streams[0]
+    return streams[chosen]
 
 
 def as_stamped(stream: StreamView) -> NDArray[np.int64]:
@@ -81,6 +87,25 @@ def _usable(stream: StreamView) -> NDArray[np.bool_]:
     if marks is None:
         return np.ones(len(stream), np.bool_)
     return np.asarray((marks & flags()["invalid"].mask) == 0)
+
+
+def width_track(stream: StreamView) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the valid widths of a stream with their times.
+
+    Parameters
+    ----------
+    stream : StreamView
+        Of kind width.
+
+    Returns
+    -------
+    time_ns : (N,) int64
+    width_m : (N,) float64
+        Metres.
+    """
+    width = np.asarray(stream.data, np.float64)
+    good = _usable(stream) & np.isfinite(width)
+    return np.asarray(stream.time, np.int64)[good], width[good]
 
 
 def pose_track(stream: StreamView) -> PoseTrack:
@@ -203,7 +228,7 @@ def activity_of(stream: StreamView) -> NDArray[np.float32]:
     UsageError
         None is stored, and there is no reference to measure it by.
     """
-    from exumi_data.tactile import ActivityMeter
+    from exumi_data.tactile import ActivityMeter, to_grey
 
     stored = stream.activity
     if stored is not None:
@@ -216,7 +241,7 @@ def activity_of(stream: StreamView) -> NDArray[np.float32]:
             fix="Record it with a reference: exumi calibrate tactile.",
         )
     meter = ActivityMeter(reference)
-    return np.array([meter.measure(frame) for frame in stream.frames], np.float32)
+    return np.array([meter.measure(to_grey(frame)) for frame in stream.frames], np.float32)
 
 
 def motion_energy(frames: Iterable[NDArray[np.uint8]]) -> NDArray[np.float64]:

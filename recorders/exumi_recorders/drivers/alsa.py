@@ -17,6 +17,7 @@ from exumi_recorders.contract import Blocks, DeviceError, DriverType, Event, Hea
 from exumi_recorders.drivers.alsa_pcm import AlsaPcm, OverrunError, Pcm
 from exumi_recorders.drivers.camera import Frame, Shape
 from exumi_recorders.drivers.socket_camera import SocketSource
+from exumi_recorders.drivers.waiting import first_items
 
 __all__ = ["DRIVER", "AlsaSource", "SoundDriver", "SoundOptions"]
 
@@ -24,6 +25,7 @@ _SOCKET = "unix:"
 _SAMPLE_BYTES = 2
 _SILENT_NS = NS_PER_S
 _AT_ONCE = 16
+_SEQUENCES = 1 << 32
 _PAST_NS = 60 * NS_PER_S
 
 
@@ -188,27 +190,34 @@ class SoundDriver:
         self._seen_ns = self._now_ns()
 
     def read(self, timeout_s: float) -> list[Sample | Event]:
-        """Return the blocks that have come.
+        """Return the blocks that have come; wait for the first, but not longer.
 
         Raises
         ------
         DeviceLostError
             The card is gone.
         """
-        if self._source is None:
+        source = self._source
+        if source is None:
             raise DeviceError(f"the sound card {self._options.device} is not open")
-        return [
-            Sample("sound", block.stamp_ns, block.data, sequence=block.sequence)
-            for block in self._source.read(timeout_s)
-            if self._takes(block)
-        ]
+
+        def receive(left_s: float) -> list[Sample | Event]:
+            return [
+                Sample("sound", block.stamp_ns, block.data, sequence=block.sequence)
+                for block in source.read(left_s)
+                if self._takes(block)
+            ]
+
+        return first_items(receive, timeout_s)
 
     def _takes(self, block: Frame) -> bool:
         self._seen_ns = self._now_ns()
         if block.sequence is not None:
             if self._next_sequence is not None:
-                self._skipped += (block.sequence - self._next_sequence) % (1 << 32)
-            self._next_sequence = (block.sequence + 1) % (1 << 32)
+                missing = (block.sequence - self._next_sequence) % _SEQUENCES
+                # More than half of the range is a step back: no loss.
+                self._skipped += missing if missing < _SEQUENCES // 2 else 0
+            self._next_sequence = (block.sequence + 1) % _SEQUENCES
         whole = block.data and not len(block.data) % (self._options.channels * _SAMPLE_BYTES)
         later = self._last_ns is None or block.stamp_ns > self._last_ns
         near = self._seen_ns - _PAST_NS < block.stamp_ns <= self._seen_ns

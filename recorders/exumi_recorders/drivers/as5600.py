@@ -3,7 +3,7 @@
 RAW ANGLE is polled on a schedule of absolute times, one block read of two bytes a sample, stamped
 midway between the times before and after it. STATUS, AGC and MAGNITUDE are read now and then, each
 on its own: the chip's pointer does not go past the low byte of RAW ANGLE. Nothing is ever written
-but the pointer.
+but the pointer. Where the gripper turns the encoder more than once, turns are counted from `home`.
 """
 
 import time
@@ -26,6 +26,7 @@ from exumi_recorders.contract import (
     Rows,
     Sample,
 )
+from exumi_recorders.drivers.turn_counter import TurnCounter
 from exumi_recorders.simulated.play import SimulatedPlay
 
 __all__ = ["DRIVER", "As5600", "As5600Options", "Bus", "SimulatedEncoder"]
@@ -83,6 +84,8 @@ class As5600Options(BaseModel):
     """How often STATUS, AGC and MAGNITUDE are read: a missing magnet is noticed as late as this."""
     supply: Literal["3.3V", "5V"] = "3.3V"
     """The gain goes to 128 at 3.3 V, to 255 at 5 V."""
+    home: int | None = Field(default=None, ge=0, lt=_MODULUS)
+    """For a gripper that turns the encoder more than once: the count where it is closed."""
     simulated: SimulatedEncoder | None = None
 
 
@@ -123,21 +126,24 @@ class As5600:
     def __init__(self, options: As5600Options, open_bus: Callable[[], Bus] | None = None) -> None:
         self._options = options
         self._open_bus = open_bus or _opener(options)
+        counts_turns = options.home is not None
         self._period_ns = _NS // options.rate_hz
         self._status_ns = int(_NS / options.status_hz)
         self._bus: Bus | None = None
         self._events: list[Event] = []
+        self._turns: TurnCounter | None = None
         self._forget()
+        counts = {"unit": "count"} if counts_turns else {"unit": "count", "modulus": _MODULUS}
         self.ports = (
             Port(
                 name="width",
                 kind="width",
-                payload=Rows({"raw": ("<u2", ())}),
+                payload=Rows({"raw": ("<i4" if counts_turns else "<u2", ())}),
                 stamp_point="bracket_mid",
                 nominal_rate=str(options.rate_hz),
                 transform="encoder_map",
                 sensor=Sensor(model="as5600", manufacturer="ams OSRAM"),
-                metadata={"raw": {"unit": "count", "modulus": _MODULUS}},
+                metadata={"raw": counts},
             ),
         )
 
@@ -148,6 +154,9 @@ class As5600:
         self._failures = 0
         self._good_ns = 0
         self._bracket_ns: float | None = None
+        self._count: int | None = None
+        home = self._options.home
+        self._turns = None if home is None else TurnCounter(home, _MODULUS)
         self._lost = {"bus": 0, "late": 0, "rejected": 0}
 
     def open(self) -> None:
@@ -232,6 +241,13 @@ class As5600:
                 "magnitude": status.magnitude,
             }
             problems = status.problems(_AGC_MOST[self._options.supply])
+        if self._count is not None:
+            readings["count"] = self._count
+        if self._turns is not None and not self._turns.is_known:
+            problems += (
+                "The encoder's turn is not known: close the gripper, and hold it for a second "
+                f"(count {self._options.home}).",
+            )
         if bracket_ns is not None:
             readings["bracket_us"] = round(bracket_ns / 1000, 1)
         if self._failures:
@@ -281,13 +297,26 @@ class As5600:
             float(width_ns) if mean_ns is None else mean_ns + _BRACKET_SHARE * (width_ns - mean_ns)
         )
         status = self._status
-        seen = status is not None and status.bits & _DETECTED
+        seen = status is not None and bool(status.bits & _DETECTED)
+        time_ns = before_ns + width_ns // 2
+        payload, is_known = self._counted(high << 8 | low, time_ns, seen=seen)
         return Sample(
             port="width",
-            time_host_ns=before_ns + width_ns // 2,
-            payload=bytes((low, high)),
-            flags=0 if seen else _INVALID,
+            time_host_ns=time_ns,
+            payload=payload,
+            flags=0 if seen and is_known else _INVALID,
         )
+
+    def _counted(self, count: int, time_ns: int, *, seen: bool) -> tuple[bytes, bool]:
+        """Return what is recorded of a count, and whether its turn is known."""
+        turns = self._turns
+        if turns is None:
+            self._count = count
+            return count.to_bytes(2, "little"), True
+        if not seen:
+            turns.lose()
+        self._count = turns.take(count, time_ns)
+        return self._count.to_bytes(4, "little", signed=True), turns.is_known
 
     def _look(self, bus: Bus) -> None:
         try:

@@ -20,6 +20,7 @@ from exumi_data.store import jpeg
 from exumi_data.time import NS_PER_S
 from exumi_recorders.contract import DeviceError, Event, Files, Health, Port, Sample
 from exumi_recorders.drivers.v4l2 import InterfaceError
+from exumi_recorders.drivers.waiting import first_items
 
 __all__ = [
     "CameraDriver",
@@ -324,20 +325,25 @@ class CameraDriver:
             )
 
     def read(self, timeout_s: float) -> list[Sample | Event]:
-        """Return the images that have come.
+        """Return the images that have come; wait for the first, but not longer.
 
         Raises
         ------
         DeviceLostError
             The camera was unplugged.
         """
-        if self._source is None:
+        source = self._source
+        if source is None:
             raise DeviceError(f"the camera {self._options.device} is not open")
-        if not self._ready:
-            for frame in self._source.read(timeout_s):
-                self._take(frame)
-        ready, self._ready = self._ready, []
-        return ready
+
+        def receive(left_s: float) -> list[Sample | Event]:
+            if not self._ready:
+                for frame in source.read(left_s):
+                    self._take(frame)
+            ready, self._ready = self._ready, []
+            return ready
+
+        return first_items(receive, timeout_s)
 
     def _take(self, frame: Frame) -> None:
         """Count a frame, and keep it unless something is wrong with it."""
@@ -371,18 +377,18 @@ class CameraDriver:
 
     def health(self) -> Health:
         """Tell images, losses, controls, and what did not take."""
-        counts = self._counts
+        # Looked up once: the camera may be closed meanwhile.
+        counts, source = self._counts, self._source
         problems = list(self._problems)
         silent_ns = self._now_ns() - counts.last_seen_ns
-        if self._source is not None and silent_ns > _SILENT_NS:
+        if source is not None and silent_ns > _SILENT_NS:
             problems.append(f"no image for {silent_ns / NS_PER_S:.0f} s")
-        if self._source is not None and self._source.modulus is None:
-            readings: dict[str, Any] = {"losses_known": False}
-        else:
-            readings = {}
+        readings: dict[str, Any] = {"images": counts.images}
+        if source is not None and source.modulus is None:
+            readings["losses_known"] = False
         return Health(
             lost=counts.lost,
-            readings={"images": counts.images, **readings, **self._controls},
+            readings={**readings, **self._controls},
             problems=tuple(problems),
         )
 

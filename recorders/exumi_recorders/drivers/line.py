@@ -25,10 +25,12 @@ from exumi_recorders.contract import (
     Rows,
     Sample,
 )
+from exumi_recorders.drivers.waiting import first_items
 
 __all__ = ["DRIVER", "FieldsOptions", "LineDriver", "LineSource", "Reading"]
 
 _MOST_BYTES = 4096
+_LARGEST_DATAGRAM = 65535
 _SILENT_S = 1.0
 _REJECTED_SHARE = 0.01
 
@@ -142,16 +144,14 @@ class LineDriver:
         source = self._source
         if source is None:
             raise DeviceError("the sensor is not open", where=self._where())
-        until_s = time.monotonic() + timeout_s
-        left_s = timeout_s
-        while True:
+
+        def receive(left_s: float) -> list[Sample | Event]:
             chunk = source.receive(left_s)
             time_ns = time.monotonic_ns()
-            samples = [self._sample(line, time_ns) for line in self._lines(chunk)]
-            found: list[Sample | Event] = [sample for sample in samples if sample is not None]
-            left_s = until_s - time.monotonic()
-            if found or left_s <= 0:
-                return found
+            samples = (self._sample(line, time_ns) for line in self._lines(chunk))
+            return [sample for sample in samples if sample is not None]
+
+        return first_items(receive, timeout_s)
 
     def health(self) -> Health:
         """Tell whether lines come that can be read."""
@@ -227,7 +227,7 @@ class _Datagrams:
     def receive(self, timeout_s: float) -> bytes:
         self._socket.settimeout(max(timeout_s, 0.0))
         with suppress(TimeoutError, BlockingIOError):
-            return self._socket.recv(_MOST_BYTES)
+            return self._socket.recv(_LARGEST_DATAGRAM)  # one that is cut ends in half a number
         return b""
 
     def close(self) -> None:

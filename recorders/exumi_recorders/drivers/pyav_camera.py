@@ -75,7 +75,7 @@ class PyavSource:
         self._open_container = open_container
         self._system = system
         self._now_ns = monotonic_ns
-        self._frames: queue.Queue[Frame | None] = queue.Queue(_QUEUED)
+        self._frames: queue.Queue[Frame] = queue.Queue(_QUEUED)
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._monotonic: bool | None = None
@@ -105,7 +105,7 @@ class PyavSource:
         )
         self._thread.start()
 
-    def _demux(self, container: Any, frames: "queue.Queue[Frame | None]") -> None:
+    def _demux(self, container: Any, frames: "queue.Queue[Frame]") -> None:
         import av
 
         # An error of FFmpeg and the end of the stream are the same: the camera is gone.
@@ -117,8 +117,6 @@ class PyavSource:
                     frame = Frame(bytes(packet), self._stamp_ns(packet))
                     with contextlib.suppress(queue.Full):
                         frames.put(frame, timeout=_JOIN_S)
-        with contextlib.suppress(queue.Full):
-            frames.put(None, timeout=_JOIN_S)
 
     def _stamp_ns(self, packet: Any) -> int:
         now_ns = self._now_ns()
@@ -136,17 +134,15 @@ class PyavSource:
         DeviceLostError
             The camera is gone.
         """
-        found: list[Frame] = []
+        thread, found = self._thread, list[Frame]()
+        # Asked first: what it has put there before it ended is taken below.
+        has_ended = thread is None or not thread.is_alive()
         with contextlib.suppress(queue.Empty):
+            found.append(self._frames.get(block=not has_ended, timeout=timeout_s))
             while True:
-                wait = not found
-                frame = self._frames.get(block=wait, timeout=timeout_s if wait else None)
-                if frame is None:
-                    if found:
-                        self._frames.put(None)
-                        break
-                    raise DeviceLostError(f"the camera {self._name} is gone")
-                found.append(frame)
+                found.append(self._frames.get_nowait())
+        if has_ended and not found:
+            raise DeviceLostError(f"the camera {self._name} is gone")
         return found
 
     def lock(self) -> tuple[dict[str, int], list[str]]:

@@ -9,6 +9,7 @@ from exumi_recorders.drivers.quest_options import QuestOptions, make_ports
 from exumi_recorders.drivers.quest_report import problems_of, readings_of
 from exumi_recorders.drivers.quest_stream import QuestStream
 from exumi_recorders.drivers.stamped_udp import StampedSocket
+from exumi_recorders.drivers.waiting import first_items
 
 __all__ = ["DRIVER", "Quest"]
 
@@ -69,9 +70,14 @@ class Quest:
         DeviceLostError
             The socket fails.
         """
-        datagrams = self._link().receive(timeout_s)
-        with self._lock:
-            return [found for datagram in datagrams for found in self._stream.take(datagram)]
+        link = self._link()
+
+        def receive(left_s: float) -> list[Sample | Event]:
+            datagrams = link.receive(left_s)
+            with self._lock:
+                return [found for datagram in datagrams for found in self._stream.take(datagram)]
+
+        return first_items(receive, timeout_s)
 
     def health(self) -> Health:
         """Tell how the device is."""

@@ -75,6 +75,25 @@ class ClockWatch:
             [device_ns for device_ns, _ in fastest], [time_ns for _, time_ns in fastest]
         )
 
+    def readings(self, now_ns: int) -> dict[str, float | int]:
+        """Return what is known of the clock, by name; nothing before the first trip.
+
+        Parameters
+        ----------
+        now_ns : int
+        """
+        found: dict[str, float | int] = {}
+        offset = self.offset(now_ns)
+        if offset is not None:
+            found["clock_offset_ns"] = offset.offset_ns
+            found["clock_offset_sigma_ns"] = round(offset.sigma_ns)
+            found["round_trip_ms"] = round(offset.round_trip_ns / 1e6, 3)
+        drift = self.drift()
+        if drift is not None:
+            found["clock_drift_ppm"] = round(drift.drift_ppm, 2)
+            found["clock_drift_sigma_ppm"] = round(drift.drift_sigma_ppm, 2)
+        return found
+
     def restart(self) -> None:
         """Forget everything: it may be another clock."""
         self._trips.clear()

@@ -1,6 +1,5 @@
 """What an operator is told about a headset."""
 
-from exumi_recorders.drivers.quest_clock import ClockWatch
 from exumi_recorders.drivers.quest_stream import QuestStream
 
 __all__ = ["Reading", "problems_of", "readings_of"]
@@ -47,7 +46,7 @@ def readings_of(stream: QuestStream, now_ns: int) -> dict[str, Reading]:
         found["age_s"] = round((now_ns - stream.rate.last_ns) / _S_NS, 3)
     if stream.from_headset_m is not None:
         found["from_headset_m"] = round(stream.from_headset_m, 3)
-    return found | _clock_readings(stream.clock, now_ns)
+    return found | stream.clock.readings(now_ns)
 
 
 def problems_of(stream: QuestStream, opened_ns: int, now_ns: int) -> list[str]:
@@ -99,18 +98,4 @@ def _rejection_problems(stream: QuestStream, now_ns: int) -> list[str]:
     broken = recent - _REJECTED.keys() - _HARMLESS
     if broken:
         found.append(f"Datagrams are refused: {', '.join(sorted(broken))}.")
-    return found
-
-
-def _clock_readings(clock: ClockWatch, now_ns: int) -> dict[str, Reading]:
-    found: dict[str, Reading] = {}
-    offset = clock.offset(now_ns)
-    if offset is not None:
-        found["clock_offset_ns"] = offset.offset_ns
-        found["clock_offset_sigma_ns"] = round(offset.sigma_ns)
-        found["round_trip_ms"] = round(offset.round_trip_ns / 1e6, 3)
-    drift = clock.drift()
-    if drift is not None:
-        found["clock_drift_ppm"] = round(drift.drift_ppm, 2)
-        found["clock_drift_sigma_ppm"] = round(drift.drift_sigma_ppm, 2)
     return found

@@ -36,6 +36,7 @@ from exumi_recorders.drivers.stamped_udp import Datagram
 __all__ = ["QuestStream"]
 
 _ANOTHER_AFTER_NS = 2_000_000_000
+_CLOCK_EVERY_NS = 10_000_000_000
 _POSE = struct.Struct("<7d")
 _SIDES = ("left", "right")
 
@@ -83,6 +84,7 @@ class QuestStream:
         self.frames: dict[str, Pose] = {}
         self.watches = {name: PoseWatch(options.jump_m) for name in port_names(options)}
         self._dialect_ns = 0
+        self._clock_ns: int | None = None
         self._side: Part | None = None
         self._head: Pose | None = None
         self._command: str | None = None
@@ -125,9 +127,15 @@ class QuestStream:
             return self._read_frame(message, time_ns)
         if isinstance(message, Command):
             return self._read_command(message, time_ns)
-        if isinstance(message, Trip) and not self.clock.take_trip(message, time_ns):
+        return self._read_trip(message, time_ns) if isinstance(message, Trip) else []
+
+    def _read_trip(self, message: Trip, time_ns: int) -> Found:
+        if not self.clock.take_trip(message, time_ns):
             return self._reject("trip", time_ns)
-        return []
+        if self._clock_ns is not None and time_ns - self._clock_ns < _CLOCK_EVERY_NS:
+            return []
+        self._clock_ns = time_ns
+        return [Event("clock", time_ns, self.clock.readings(time_ns))]
 
     def _reject(self, reason: str, time_ns: int) -> Found:
         self.rejected[reason] += 1
@@ -159,6 +167,7 @@ class QuestStream:
                 return self._reject("twice", time_ns)
             if order == "restart":
                 self.clock.restart()
+                self._clock_ns = None
                 found.append(Event("restart", time_ns))
             late = order == "late"
             if not late:

@@ -58,6 +58,8 @@ class SerialPort:
                 fix=_FIXES.get(number),
             ) from None
         self._file: int = self._port.fileno()
+        self._poll = select.poll()
+        self._poll.register(self._file, select.POLLIN)
 
     def receive(self, timeout_s: float) -> bytes:
         """Return what has come as soon as something has; nothing after the timeout.
@@ -72,9 +74,11 @@ class SerialPort:
             The device is gone.
         """
         try:
-            if not select.select([self._file], [], [], timeout_s)[0]:
+            if not self._poll.poll(max(0.0, 1e3 * timeout_s)):
                 return b""
             data = os.read(self._file, _MOST_BYTES)
+        except BlockingIOError:
+            return b""
         except OSError as error:
             raise self._gone(error.strerror) from error
         if not data:

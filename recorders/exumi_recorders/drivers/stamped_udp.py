@@ -1,5 +1,6 @@
 """UDP datagrams with the time at which Linux's kernel received them, and a count of lost ones."""
 
+import errno
 import select
 import socket
 import struct
@@ -21,6 +22,15 @@ _ANCILLARY_BYTES = 256
 _PAIR_ATTEMPTS = 3
 _STEP_NS = 1_000_000  # clocks are slewed by less than a microsecond between two reads
 _MAX_DATAGRAMS = 1024  # in one read, so that a flood does not keep it from returning
+
+_OTHER_ADDRESS = "Name an address of this machine (hostname -I), or 0.0.0.0 for all of them."
+_FIXES = {
+    errno.EADDRINUSE: (
+        "Another program may be listening there, or another device of this rig: end it, or use "
+        "another port."
+    ),
+    errno.EACCES: "Ports below 1024 are for the system: use another one.",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +154,7 @@ class StampedSocket:
             raise DeviceError(
                 f"cannot listen for datagrams: {error.strerror}",
                 where=f"{host}:{port}",
-                fix="Another program may be listening there: end it, or use another port.",
+                fix=_FIXES.get(error.errno or 0, _OTHER_ADDRESS),
             ) from error
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)

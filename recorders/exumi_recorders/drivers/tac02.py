@@ -27,6 +27,8 @@ PRODUCTS = {"left": 0x0100, "right": 0x0102}
 _ENDPOINT = 0x81
 # Frames come 1 ms apart at the fastest and are sent without a pause.
 _PAUSE_S = 0.0005
+# Of a transfer that ends with the frame's first packet, the rest comes with the next one.
+_BEGUN = (0, 64)
 _BATCH_S = 0.01
 _SILENT_S = 0.5
 _BROKEN_SHARE = 0.01
@@ -134,7 +136,7 @@ class Tac02:
                 frames += self._cutter.feed(chunk, time.monotonic_ns())
             elif within:
                 self._cutter.pause()
-            if self._options.port is None and self._cutter.is_within:
+            if self._options.port is None and self._cutter.held_bytes not in _BEGUN:
                 self._cutter.pause()
             left_s = (full_s if frames else until_s) - time.monotonic()
             if left_s <= 0 and not self._cutter.is_within:

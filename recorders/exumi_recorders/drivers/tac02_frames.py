@@ -104,6 +104,11 @@ class FrameCutter:
         """Whether a burst has begun that is no whole number of frames yet."""
         return bool(self._held)
 
+    @property
+    def held_bytes(self) -> int:
+        """How long that burst is by now."""
+        return len(self._held)
+
     def feed(self, chunk: bytes, time_ns: int) -> list[tuple[int, bytes]]:
         """Take what arrived at a time; return whole frames, each with when its last byte came.
 

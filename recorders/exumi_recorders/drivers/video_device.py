@@ -20,6 +20,7 @@ _KINDS = {errno.ENODEV: DeviceLostError, errno.ENOTTY: v4l2.InterfaceError}
 _NOT_YET = (errno.EAGAIN, errno.EINTR)
 _MOST = 1024  # entries of a list that a driver gives; a broken one never ends
 _US = 1000
+_FEWEST_BUFFERS = 4
 
 # As v4l2-ctl names them; kernels before 5.17 had the second names.
 _CONTROL_IDS = {
@@ -253,6 +254,12 @@ class VideoDevice:
             count=buffers, type=v4l2.BUF_TYPE_VIDEO_CAPTURE, memory=v4l2.MEMORY_MMAP
         )
         self._call(v4l2.VIDIOC_REQBUFS, request, "is in use, or gives no buffers")
+        if request.count < _FEWEST_BUFFERS:
+            raise DeviceError(
+                f"the kernel gives {request.count} buffers for the camera {self.path}, it takes "
+                f"{_FEWEST_BUFFERS} to lose no image",
+                fix="Ask for smaller images.",
+            )
         for index in range(request.count):
             buffer = self._buffer(index)
             self._call(v4l2.VIDIOC_QUERYBUF, buffer, "gives no buffers")

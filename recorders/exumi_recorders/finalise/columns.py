@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from exumi_data.model.clock import Clock
+from exumi_data.standard import registry
 from exumi_data.time import parse_rate
 from exumi_recorders.contract import Port
 from exumi_recorders.finalise.clocks import StreamTimes
@@ -17,6 +18,7 @@ __all__ = ["Columns"]
 
 _GAP_PERIODS = 2.5
 _FEWEST_FOR_MEDIAN = 32
+_OTHER_CLOCK_NS = 10_000_000_000  # so far back is no late sample: the device's clock began anew
 
 
 class Columns:
@@ -27,18 +29,27 @@ class Columns:
     port : Port
     clock : Clock
     losses : Losses
+
+    Attributes
+    ----------
+    first_ns, last_ns : int or None
+        Host times of the first and the newest sample.
     """
 
     def __init__(self, port: Port, clock: Clock, losses: Losses) -> None:
         self._times = StreamTimes(clock)
         self._losses = losses
+        self.first_ns: int | None = None
+        self.last_ns: int | None = None
         self._with_device_time: bool | None = None
         self._with_sequence: bool | None = None
-        self._last_host: int | None = None
+        self._last_tick_ns: int | None = None
         self._left_out = self._damaged = self._last_sequence = 0
         rate = None if port.nominal_rate is None else parse_rate(port.nominal_rate)
         self._period_ns = None if rate is None else float(1_000_000_000 / rate)
+        unit = registry.units().get(port.time_device_unit or "")
         self._has_unit = port.time_device_unit is not None
+        self._unit_ns = 1 if unit is None else unit.ns or 1
 
     def of(
         self, block: Block, kept: npt.NDArray[np.bool_] | None = None
@@ -69,12 +80,15 @@ class Columns:
             self._with_device_time = has_device and self._has_unit
         if self._with_sequence:
             columns["sequence"] = self._sequence(numbered.sequence, flags)
-        else:
-            self._gaps_in_time(host, flags, first)
+        if len(host):
+            self.first_ns = int(host[0]) if self.first_ns is None else self.first_ns
+            self.last_ns = int(host[-1])
+        ticks_ns = host
         if self._with_device_time:
             columns["time_device"] = block.time_device[kept]
-        if len(host):
-            self._last_host = int(host[-1])
+            # By the hub's clock, what waited in the air came after a pause: nothing is missing.
+            ticks_ns = block.time_device[kept] * self._unit_ns
+        self._gaps_in_time(ticks_ns, flags, first)
         return columns
 
     def _before_kept(
@@ -112,14 +126,19 @@ class Columns:
         return found
 
     def _gaps_in_time(
-        self, host: npt.NDArray[np.int64], flags: npt.NDArray[np.uint32], first: int
+        self, ticks_ns: npt.NDArray[np.int64], flags: npt.NDArray[np.uint32], first: int
     ) -> None:
-        """Without numbers, a gap is where nothing came for more than 2.5 periods."""
-        if not len(host):
+        """Note where nothing was sent for more than 2.5 periods, whatever the numbers say."""
+        if not len(ticks_ns):
             return
-        before = host[0] if self._last_host is None else self._last_host
-        intervals = np.diff(host, prepend=before)
-        usual = float(np.median(intervals)) if len(host) >= _FEWEST_FOR_MEDIAN else 0.0
+        before = self._last_tick_ns
+        if before is None or ticks_ns[0] < before - _OTHER_CLOCK_NS:
+            before = int(ticks_ns[0])
+        # What comes late lies before its time: the next one is not late for that.
+        reached = np.maximum.accumulate(np.concatenate([np.array([before]), ticks_ns]))
+        intervals = np.diff(reached)
+        self._last_tick_ns = int(reached[-1])
+        usual = float(np.median(intervals)) if len(ticks_ns) >= _FEWEST_FOR_MEDIAN else 0.0
         period = max(self._period_ns or 0.0, usual)
         if period <= 0:
             return

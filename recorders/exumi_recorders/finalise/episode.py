@@ -1,5 +1,6 @@
 """A journal becomes an episode: written aside, read back, renamed, and only then dropped."""
 
+import os
 import re
 import shutil
 from collections.abc import Mapping
@@ -17,10 +18,13 @@ from exumi_data.model.base import STREAM_NAME
 from exumi_data.model.description import CalibrationItem
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.files import sync_folder
-from exumi_data.store.plain_files import read_plain
+from exumi_data.store.plain_files import is_plain_file
+from exumi_data.store.zarr_document import DTYPES
+from exumi_recorders.finalise.agreement import check_agreement, has_samples
 from exumi_recorders.finalise.clocks import epoch_of
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.events import EventSummary, read_events
+from exumi_recorders.finalise.headers import read_header
 from exumi_recorders.finalise.pipeline import synced_early
 from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.finalise.streams import finish_stream
@@ -30,13 +34,13 @@ from exumi_recorders.journal.header import (
     CLOCK_LOG,
     EVENTS_LOG,
     JournalHeader,
-    parse_header,
 )
 from exumi_recorders.journal.reading import Damage, LogReader
 from exumi_recorders.journal.record import salt_of
 from exumi_recorders.journal.states import (
     HEADER_NAME,
     RECORDING_FOLDER,
+    REMOVED,
     SUFFIX,
     JournalState,
     locked,
@@ -46,8 +50,8 @@ from exumi_recorders.journal.states import (
 
 __all__ = ["Finalised", "dataset_of", "finalise", "inspect"]
 
-_MOST_HEADER_BYTES = 32 << 20
 _MOST_ARRAY_BYTES = 256 << 20
+_DAMAGES_SHOWN = 5
 
 Outcome = Literal["finalised", "present", "discarded", "empty", "recording", "found"]
 
@@ -128,6 +132,10 @@ def finalise(journal: Path) -> Finalised:
             return _finalise(journal, target)
     except BlockingIOError:
         return Finalised(journal, "recording")
+    except FileNotFoundError:
+        if journal.exists():
+            raise
+        return Finalised(journal, "present", _present(target))  # another one was faster
 
 
 def _finalise(journal: Path, target: Path) -> Finalised:
@@ -138,14 +146,11 @@ def _finalise(journal: Path, target: Path) -> Finalised:
     if present is not None:
         _drop(journal, state)
         return Finalised(journal, "present", present)
-    if not (journal / HEADER_NAME).exists():
-        # The header is written last: nobody was told that it is being recorded.
-        if any(entry.stat().st_size for entry in journal.glob("*/*.log")):
-            raise DamagedDataError("has samples, but no header.json", where=journal)
+    if _is_empty(journal):
         _drop(journal, state)
         return Finalised(journal, "empty")
-    header = read_header(journal)
-    damages: list[Damage] = []
+    header, damages = read_header(journal)
+    check_agreement(journal, header)
     counts = _write(journal, header, state, target, damages)
     _drop(journal, state)
     return Finalised(
@@ -159,23 +164,9 @@ def _finalise(journal: Path, target: Path) -> Finalised:
     )
 
 
-def read_header(journal: Path) -> JournalHeader:
-    """Read a journal's header, and check that it is this journal's.
-
-    Parameters
-    ----------
-    journal : pathlib.Path
-
-    Raises
-    ------
-    ExumiError
-        It is none, or of another journal.
-    """
-    path = journal / HEADER_NAME
-    header = parse_header(read_plain(path, _MOST_HEADER_BYTES), path)
-    if f"{header.episode.id}{SUFFIX}" != journal.name:
-        raise DamagedDataError(f"the header is that of {header.episode.id}", where=journal)
-    return header
+def _is_empty(journal: Path) -> bool:
+    """Whether nobody was told that this is being recorded: the header is written last."""
+    return not os.path.lexists(journal / HEADER_NAME) and not has_samples(journal)
 
 
 def inspect(journal: Path) -> Finalised:
@@ -199,8 +190,11 @@ def inspect(journal: Path) -> Finalised:
             present = _present(target)
             if present is not None:
                 return Finalised(journal, "present", present)
-            header = read_header(journal)
-            counts, damages = {}, []
+            if _is_empty(journal):
+                return Finalised(journal, "empty")
+            header, damages = read_header(journal)
+            check_agreement(journal, header)
+            counts = {}
             for name in header.streams:
                 log = _log(journal, header, name)
                 counts[name] = sum(len(block) for block in log)
@@ -237,8 +231,12 @@ def _present(target: Path) -> Path | None:
 
 def _drop(journal: Path, state: JournalState) -> None:
     write_state(journal, state.model_copy(update={"state": "finalised"}))
-    shutil.rmtree(journal)
+    # Under another name, so that half of it is never taken for a journal.
+    removed = journal.with_suffix(REMOVED)
+    shutil.rmtree(removed, ignore_errors=True)
+    journal.rename(removed)
     sync_folder(journal.parent)
+    shutil.rmtree(removed, ignore_errors=True)
 
 
 def _log(journal: Path, header: JournalHeader, name: str) -> LogReader:
@@ -250,6 +248,7 @@ def _log(journal: Path, header: JournalHeader, name: str) -> LogReader:
 def _write(
     journal: Path, header: JournalHeader, state: JournalState, target: Path, damages: list[Damage]
 ) -> dict[str, int]:
+    beside = list(damages)  # of the header
     events_log, clock_log = (_log(journal, header, name) for name in (EVENTS_LOG, CLOCK_LOG))
     events = read_events(events_log)
     epoch = epoch_of(clock_log, header)
@@ -267,11 +266,14 @@ def _write(
                 log = _log(journal, header, name)
                 finish_stream(name, stream, log, context)
                 damages += log.damages
-        damages += [*events_log.damages, *clock_log.damages]
+        found = [*events_log.damages, *clock_log.damages]
+        beside += found
+        damages += found
         if epoch.note is not None:
             writer.metadata.quality.append(epoch.note)
         _leave_notes(context, state)
-        _keep_events(context, events)
+        _note_damages_beside(context, journal, beside)
+        _keep_events(context, events, header.boot_id)
     return counts
 
 
@@ -285,9 +287,12 @@ def _arrays(journal: Path, items: Mapping[str, CalibrationItem]) -> dict[str, np
             continue
         path = journal.joinpath("calibration", *parts[:-1], f"{parts[-1]}.npy")
         try:
-            if path.is_symlink() or path.stat().st_size > _MOST_ARRAY_BYTES:
+            # Not a link, which could lead anywhere, nor a pipe, which would be waited for.
+            if not is_plain_file(path) or path.stat().st_size > _MOST_ARRAY_BYTES:
                 continue
-            found[name] = np.load(path, mmap_mode="r", allow_pickle=False)
+            array = np.load(path, mmap_mode="r", allow_pickle=False)
+            if array.dtype.name in DTYPES:
+                found[name] = array
         except (OSError, ValueError, EOFError):
             continue
     return found
@@ -328,16 +333,30 @@ def _leave_notes(context: Context, state: JournalState) -> None:
         context.note("device-lost", f"{device} was gone {times} times")
 
 
-def _keep_events(context: Context, events: EventSummary) -> None:
-    """Keep what happened beside the samples with the episode's source: the journal goes."""
-    if not events.kept:
+def _note_damages_beside(context: Context, journal: Path, damages: list[Damage]) -> None:
+    if not damages:
         return
+    where = ", ".join(
+        f"{damage.path.relative_to(journal)} at {damage.offset} ({damage.what})"
+        for damage in damages[:_DAMAGES_SHOWN]
+    )
+    more = len(damages) - _DAMAGES_SHOWN
+    context.note(
+        "journal-damaged",
+        f"what the journal holds beside samples is damaged: {where}"
+        f"{f' and {more} more' if more > 0 else ''}",
+    )
+
+
+def _keep_events(context: Context, events: EventSummary, boot_id: str) -> None:
+    """Keep what happened beside the samples with the episode's source: the journal goes."""
     source = context.writer.metadata.source
-    settings = dict(source.settings or {})
-    settings["events"] = [
-        {"time_ns": time_ns - context.t0_ns, "device": device, "name": name, "detail": detail}
-        for time_ns, device, name, detail in events.kept
-    ]
+    settings = {**(source.settings or {}), "boot_id": boot_id}
+    if events.kept:
+        settings["events"] = [
+            {"time_ns": time_ns - context.t0_ns, "device": device, "name": name, "detail": detail}
+            for time_ns, device, name, detail in events.kept
+        ]
     if events.unkept:
         settings["events_left_out"] = events.unkept
     source.settings = settings

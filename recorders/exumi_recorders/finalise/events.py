@@ -14,7 +14,10 @@ __all__ = [
     "COUNTERS",
     "DEVICE_BACK",
     "DEVICE_LOST",
+    "FROZEN",
+    "POSE_JUMP",
     "REFERENCE",
+    "STOPPED",
     "SUCCESS",
     "EventSummary",
     "read_events",
@@ -24,8 +27,14 @@ COUNTERS = "counters"
 """The recorder's own: what was lost of each stream so far, and how well it is stamped."""
 DEVICE_LOST = "device_lost"
 DEVICE_BACK = "device_back"
+FROZEN = "frozen"
+"""A pose has repeated itself for so long that it is not tracked: ``stream``."""
+POSE_JUMP = "pose_jump"
+"""A pose is further from the last one than a hand moves: ``port``, ``distance_m``."""
 REFERENCE = "reference"
 """No contact between two host times: ``stream``, ``from_ns``, ``until_ns``."""
+STOPPED = "stopped"
+"""The recorder's own: until when it recorded; not there where it was ended otherwise."""
 SUCCESS = "success"
 """Whether the task was done, as the operator says: ``value``; the last one holds."""
 _MOST_KEPT = 500
@@ -51,8 +60,14 @@ class EventSummary:
         Devices that were lost and did not come back, and since when.
     losses : dict of str to int
         How often each device was lost.
+    frozen : dict of str to int
+        How often each stream's pose was not tracked.
+    jumps : dict of (str, str) to list of float
+        Of each device's port, how far its pose has jumped, metres; the first ones.
     references : dict of str to (int, int)
         Of each stream, when nothing touched it: the last such time.
+    stopped_ns : int or None
+        Host time at which the recording was stopped.
     success : bool or None
         Whether the task was done; None where nobody said.
     kept : list of (int, str, str, dict)
@@ -67,7 +82,10 @@ class EventSummary:
     counters: dict[str, Any] = field(default_factory=dict)
     gone: dict[str, int] = field(default_factory=dict)
     losses: dict[str, int] = field(default_factory=dict)
+    frozen: dict[str, int] = field(default_factory=dict)
+    jumps: dict[tuple[str, str], list[float]] = field(default_factory=dict)
     references: dict[str, tuple[int, int]] = field(default_factory=dict)
+    stopped_ns: int | None = None
     success: bool | None = None
     kept: list[tuple[int, str, str, dict[str, Any]]] = field(default_factory=list)
     unkept: int = 0
@@ -126,6 +144,9 @@ def _take(summary: EventSummary, time_ns: int, document: dict[str, Any], payload
     if name == COUNTERS:
         summary.counters = detail
         return
+    if name == STOPPED and not device:
+        summary.stopped_ns = time_ns
+        return
     if name == "world_frame":
         pose = _pose(detail.get("pose"))
         if pose is not None:
@@ -143,6 +164,8 @@ def _take(summary: EventSummary, time_ns: int, document: dict[str, Any], payload
             summary.references[str(detail.get("stream", ""))] = times[0], times[1]
     elif name == SUCCESS and isinstance(detail.get("value"), bool):
         summary.success = detail["value"]
+    else:
+        _take_tracking(summary, name, device, detail)
     parts = sum(map(payload.count, (b",", b"[", b"{")))
     summary.parts += parts
     if len(summary.kept) >= _MOST_KEPT or summary.parts > _MOST_PARTS:
@@ -151,6 +174,17 @@ def _take(summary: EventSummary, time_ns: int, document: dict[str, Any], payload
     fits = parts <= _MOST_PARTS_OF_ONE and len(payload) <= _MOST_BYTES_OF_ONE
     kept = (device, name, detail) if fits and _is_plain(document) else ("", "unreadable", {})
     summary.kept.append((time_ns, *kept))
+
+
+def _take_tracking(summary: EventSummary, name: str, device: str, detail: dict[str, Any]) -> None:
+    if name == FROZEN:
+        stream = str(detail.get("stream", ""))
+        summary.frozen[stream] = summary.frozen.get(stream, 0) + 1
+    elif name == POSE_JUMP:
+        distance_m = detail.get("distance_m")
+        jumps = summary.jumps.setdefault((device, str(detail.get("port", ""))), [])
+        if isinstance(distance_m, float) and len(jumps) < _MOST_KEPT:
+            jumps.append(distance_m)
 
 
 def _is_plain(document: dict[str, Any]) -> bool:

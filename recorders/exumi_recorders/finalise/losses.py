@@ -154,7 +154,7 @@ class Losses:
         last, highest = self._last, self._highest
         for index, (by, anew) in enumerate(zip(step.tolist(), restarted.tolist(), strict=True)):
             # Opened or started anew, a device counts from where it likes.
-            restarted[index] = anew or (self.modulus is None and by < -_FARTHEST_LATE)
+            restarted[index] = anew or by < -_FARTHEST_LATE
             number = highest + 1 if restarted[index] else max(last + by, 0)
             if number <= last:
                 flags[index] |= FLAG["out_of_order"]

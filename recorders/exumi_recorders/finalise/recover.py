@@ -1,24 +1,34 @@
 """Recovering: every journal that a crash left behind becomes an episode."""
 
-from collections.abc import Callable, Sequence
+import fcntl
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
-from exumi_data.catalog import (
-    CATALOG_NAME,
-    build_catalog,
-    list_episodes,
-    read_catalog,
-    rows_to_table,
-    write_catalog,
-)
+from exumi_data.catalog import CATALOG_NAME, read_catalog
+from exumi_data.destination import update_catalog
 from exumi_data.errors import ExumiError, UsageError
 from exumi_recorders.finalise.episode import Finalised, dataset_of, finalise, inspect
 from exumi_recorders.journal.space import drop_stale_reserve
-from exumi_recorders.journal.states import RECORDING_FOLDER, SUFFIX, list_journals
+from exumi_recorders.journal.states import (
+    RECORDING_FOLDER,
+    SUFFIX,
+    list_journals,
+    remove_leftovers,
+)
 
-__all__ = ["Recovery", "add_to_catalog", "find_journals", "recover"]
+__all__ = ["Recovery", "add_to_catalog", "find_journals", "for_journals", "recover"]
+
+
+class _HasOutcome(Protocol):
+    @property
+    def outcome(self) -> str: ...
+
+
+One = TypeVar("One", bound=_HasOutcome)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,30 +135,70 @@ def recover(
     UsageError
         A path is none of these. Nothing was done.
     """
-    journals = list(dict.fromkeys(journal for path in paths for journal in find_journals(path)))
-    done: list[Finalised] = []
-    failed: list[tuple[Path, str]] = []
-    for journal in journals:
-        try:
-            done.append(inspect(journal) if dry_run else finalise(journal))
-            outcome: str = done[-1].outcome
-        except ExumiError as error:
-            failed.append((journal, str(error)))
-            outcome = "failed"
-        except OSError as error:
-            failed.append((journal, f"{error.filename or journal}: {error.strerror or error}"))
-            outcome = "failed"
-        if on_done is not None:
-            on_done(len(done) + len(failed), len(journals), outcome)
-    if not dry_run:
-        for path in paths:
-            drop_stale_reserve(_dataset_at(path))
+    for path in paths:
+        find_journals(path)  # nothing is done where one of them is none
+    datasets = [] if dry_run else list(dict.fromkeys(map(_dataset_at, paths)))
+    for dataset in datasets:
+        drop_stale_reserve(dataset)  # first: on a full disk it is the room there is
+    done, failed = for_journals(paths, inspect if dry_run else finalise, on_done)
+    for dataset in datasets:
+        remove_leftovers(dataset)
     notices = []
     for dataset in dict.fromkeys(
         dataset_of(one.journal) for one in done if one.outcome == "finalised"
     ):
         notices += add_to_catalog(dataset)
     return Recovery(tuple(done), tuple(failed), tuple(notices))
+
+
+def for_journals(
+    paths: Sequence[Path],
+    work: Callable[[Path], One],
+    on_done: Callable[[int, int, str], None] | None = None,
+) -> tuple[list[One], list[tuple[Path, str]]]:
+    """Do something with each journal; one that it fails for does not keep the others.
+
+    Parameters
+    ----------
+    paths : sequence of pathlib.Path
+        Journals, datasets, or folders ``.recording``.
+    work : callable
+        Takes a journal, and returns what became of it.
+    on_done : callable, optional
+        Called with the number of journals done, of all, and what became of the last one.
+
+    Returns
+    -------
+    done : list
+        What `work` returned.
+    failed : list of (pathlib.Path, str)
+        The journals that it failed for, and why.
+
+    Raises
+    ------
+    UsageError
+        A path is none of these. Nothing was done.
+    """
+    journals = list(dict.fromkeys(journal for path in paths for journal in find_journals(path)))
+    done: list[One] = []
+    failed: list[tuple[Path, str]] = []
+    for journal in journals:
+        try:
+            done.append(work(journal))
+            outcome = done[-1].outcome
+        except ExumiError as error:
+            failed.append((journal, str(error)))
+            outcome = "failed"
+        except OSError as error:
+            failed.append((journal, f"{error.filename or journal}: {error.strerror or error}"))
+            outcome = "failed"
+        except Exception as error:  # noqa: BLE001  # one journal must not keep the others
+            what = f"cannot be made an episode of ({type(error).__name__}: {error})"
+            failed.append((journal, what))
+            outcome = "failed"
+        if on_done is not None:
+            on_done(len(done) + len(failed), len(journals), outcome)
+    return done, failed
 
 
 def add_to_catalog(dataset: Path) -> list[str]:
@@ -159,15 +209,32 @@ def add_to_catalog(dataset: Path) -> list[str]:
     dataset : pathlib.Path
     """
     try:
-        table = read_catalog(dataset)
-        if table is None and (dataset / CATALOG_NAME).exists():
-            return [f"{dataset}: the catalog cannot be read. Write it with: exumi index {dataset}"]
-        present = list_episodes(dataset)
-        known = [] if table is None else table.to_pylist()
-        paths = {row["path"] for row in known}
-        added, problems = build_catalog(dataset, paths=[p for p in present if p not in paths])
-        rows = [row for row in known if row["path"] in set(present)]
-        write_catalog(dataset, rows_to_table([*rows, *added.to_pylist()]))
-    except (ExumiError, OSError) as error:
+        with _alone(dataset):
+            return _add_to_catalog(dataset)
+    except (ExumiError, OSError, ValueError) as error:
         return [f"{dataset}: the catalog was not written: {error}"]
-    return [f"not in the catalog, because it cannot be read: {one.error}" for one in problems]
+
+
+def _add_to_catalog(dataset: Path) -> list[str]:
+    table = read_catalog(dataset)
+    if table is None and (dataset / CATALOG_NAME).exists():
+        return [f"{dataset}: the catalog cannot be read. Write it with: exumi index {dataset}"]
+    known = [] if table is None else table.to_pylist()
+    return update_catalog(dataset, {row["path"]: row for row in known})
+
+
+@contextmanager
+def _alone(dataset: Path) -> Iterator[None]:
+    """Wait until no other recorder of the dataset adds to its catalog: one would lose the other's.
+
+    Parameters
+    ----------
+    dataset : pathlib.Path
+    """
+    descriptor = os.open(dataset / RECORDING_FOLDER, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

@@ -18,7 +18,7 @@ from exumi_recorders.finalise.events import EventSummary
 from exumi_recorders.finalise.files import add_files
 from exumi_recorders.finalise.losses import Losses
 from exumi_recorders.finalise.rows import row_dtype, write_rows
-from exumi_recorders.journal.header import StreamHeader, port_of
+from exumi_recorders.journal.header import RESERVED, StreamHeader, port_of
 from exumi_recorders.journal.reading import Block
 from exumi_recorders.journal.record import NONE
 
@@ -49,6 +49,11 @@ def rehearse(streams: Mapping[str, StreamHeader]) -> None:
         context = Context(writer, 0, EventSummary(), {})
         try:
             for name, stream in streams.items():
+                if name in RESERVED:
+                    raise UsageError(
+                        f"no stream can be called {name!r}",
+                        fix="Give it another name in the rig file.",
+                    )
                 try:
                     _write_one(name, stream, context)
                 except (ExumiError, ValueError, TypeError) as error:

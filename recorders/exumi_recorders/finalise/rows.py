@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from exumi_data.model.clock import Clock
 from exumi_data.model.streams import RawData
-from exumi_data.width_map import WIDTH_MAP, WidthMap, read_width_map
+from exumi_data.width_map import NOT_CALIBRATED, WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.contract import Port, Rows
 from exumi_recorders.finalise.columns import Columns
 from exumi_recorders.finalise.context import Context
@@ -135,7 +135,9 @@ def write_rows(
         rows = block.rows.view(dtype).reshape(len(block))
         values = transform.values(rows, block.time_host)
         beside = columns.of(block)
-        beside["flags"] = beside["flags"] | values.flags
+        own = beside["flags"]
+        beside["flags"] = own | values.flags
+        beside["flags"][own & FLAG["invalid"] != 0] &= ~np.uint32(FLAG["out_of_range"])
         raw = {} if values.raw is None else {"raw": values.raw}
         out.append(beside.pop("time"), values.data, **raw, **beside)
     return out
@@ -212,22 +214,24 @@ def _poses(port: Port, device: str, stream: str, context: Context) -> _Transform
 
 def _widths(port: Port, stream: str, context: Context) -> _Transform:
     item = context.calibration.get(WIDTH_MAP)
-    found = "there is no such item" if item is None else read_width_map(item.value)
+    modulus = _raw(port, None)["raw"].modulus
+    found = "there is no such item" if item is None else read_width_map(item.value, modulus)
     known = found if isinstance(found, WidthMap) else None
     if known is None:
         context.note(
-            "width-not-calibrated",
+            NOT_CALIBRATED,
             f"no width is known, only `raw`: of the calibration {WIDTH_MAP!r}, {found}",
             stream,
         )
     fields = _raw(port, None if known is None else WIDTH_MAP)
-    modulus = fields["raw"].modulus
 
     def transformed(rows: np.ndarray, _: npt.NDArray[np.int64]) -> _Values:
         raw = rows["raw"]
         flags = np.zeros(len(raw), np.uint32)
         if known is None:
-            flags |= FLAG["invalid"]
+            # Of what the device itself calls invalid only that is said: a map, once there is one
+            # (`exumi calibrate apply`), makes widths of the others.
+            flags |= FLAG["invalid"] | FLAG["out_of_range"]
             return _Values(np.full(len(raw), np.nan, np.float32), raw, flags)
         widths, outside = known.widths(raw, modulus)
         flags[outside] |= FLAG["out_of_range"]

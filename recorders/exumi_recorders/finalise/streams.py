@@ -3,6 +3,7 @@
 from typing import Any
 
 from exumi_data.model.description import LossyStep
+from exumi_data.time import parse_rate
 from exumi_recorders.contract import Rows
 from exumi_recorders.finalise.clocks import clock_of
 from exumi_recorders.finalise.columns import Columns
@@ -17,6 +18,8 @@ from exumi_recorders.journal.reading import Damage, LogReader
 __all__ = ["finish_stream"]
 
 _DAMAGES_SHOWN = 5
+_SILENT_S = 1.0
+_SILENT_PERIODS = 5.0
 
 
 def finish_stream(name: str, stream: StreamHeader, log: LogReader, context: Context) -> None:
@@ -45,11 +48,41 @@ def finish_stream(name: str, stream: StreamHeader, log: LogReader, context: Cont
     _note_damages(name, log.damages, context, is_there=out is not None)
     if out is None:
         return
-    _finish_losses(name, stream, losses, out, context)
+    _note_tracking(name, stream, context)
+    _finish_losses(name, stream, columns, losses, out, context)
     if port.lossy is not None:
         source = context.writer.metadata.source
         step = LossyStep(step="jpeg-encode", stream=name, detail=port.lossy)
         source.lossy = [*(source.lossy or []), step]
+
+
+def _declare_silence(
+    name: str, stream: StreamHeader, columns: Columns, losses: Losses, context: Context
+) -> None:
+    """Declare that nothing came at the start or at the end; what lies between shows itself."""
+    if columns.first_ns is None or columns.last_ns is None:
+        return
+    rate = stream.port.nominal_rate
+    period_s = 0.0 if rate is None else 1.0 / float(parse_rate(rate))
+    allowed_s = max(_SILENT_S, _SILENT_PERIODS * period_s)
+    early_s = (columns.first_ns - context.t0_ns) / 1e9
+    if early_s > allowed_s:
+        losses.gap(-1, "no sample came")
+        context.note("stream-silent", f"nothing came in the first {early_s:.1f} s", name)
+    end_ns = context.events.stopped_ns
+    late_s = 0.0 if end_ns is None else (end_ns - columns.last_ns) / 1e9
+    if late_s > allowed_s:
+        losses.gap(losses.count - 1, "no sample came any more")
+        context.note("stream-silent", f"nothing came in the last {late_s:.1f} s", name)
+
+
+def _note_tracking(name: str, stream: StreamHeader, context: Context) -> None:
+    if times := context.events.frozen.get(name):
+        text = f"the pose did not change for half a second or longer, {times} times"
+        context.note("pose-frozen", text, name)
+    if jumps := context.events.jumps.get((stream.device, stream.port.name)):
+        text = f"the pose jumped {len(jumps)} times, by up to {max(jumps):.2f} m"
+        context.note("pose-jumped", text, name)
 
 
 def _note_damages(name: str, damages: list[Damage], context: Context, *, is_there: bool) -> None:
@@ -71,7 +104,12 @@ def _note_damages(name: str, damages: list[Damage], context: Context, *, is_ther
 
 
 def _finish_losses(
-    name: str, stream: StreamHeader, losses: Losses, out: Any, context: Context
+    name: str,
+    stream: StreamHeader,
+    columns: Columns,
+    losses: Losses,
+    out: Any,
+    context: Context,
 ) -> None:
     counted = context.events.lost_of(name)
     # What was dropped after the last sample leaves no hole.
@@ -80,6 +118,7 @@ def _finish_losses(
         losses.gap(losses.count - 1, "the disk could not keep up", behind)
     if stream.device in context.events.gone:
         losses.gap(losses.count - 1, "the device was gone")
+    _declare_silence(name, stream, columns, losses, context)
     lost = dict(losses.lost)
     for cause, number in counted.items():
         lost[cause] = max(number, lost.get(cause, 0))

@@ -1,6 +1,7 @@
 """Makes journals survive a power loss, twice a second, in a thread of its own."""
 
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from exumi_recorders.journal.log import LogWriter
 __all__ = ["FLUSH_PERIOD_S", "Flusher", "OnFlushed"]
 
 FLUSH_PERIOD_S = 0.5
+_PAUSE_S = 0.01
 
 OnFlushed = Callable[[Path, int], None]
 """Told of a segment, and of how many of its bytes are safe."""
@@ -26,7 +28,7 @@ class Flusher:
     Attributes
     ----------
     error : OSError or None
-        What the disk reported last; recording goes on, as what is in memory may yet be written.
+        What the disk reported last: what was appended since the last flush may be lost.
     """
 
     def __init__(
@@ -45,7 +47,10 @@ class Flusher:
         self._thread.start()
 
     def _run(self) -> None:
-        while not self._stop.wait(self._period_s):
+        began = time.monotonic()
+        # From one beginning to the next: what takes long must not come off more seldom as well.
+        while not self._stop.wait(max(_PAUSE_S, began + self._period_s - time.monotonic())):
+            began = time.monotonic()
             for log in self._logs:
                 try:
                     self.tell(log.flush())

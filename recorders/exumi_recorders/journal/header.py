@@ -21,7 +21,9 @@ from exumi_recorders.journal.record import MAX_PAYLOAD_BYTES
 __all__ = [
     "CLOCK_LOG",
     "EVENTS_LOG",
+    "HEADER_LOG",
     "JOURNAL_FORMAT",
+    "RESERVED",
     "JournalHeader",
     "KnownLatency",
     "PortDocument",
@@ -34,7 +36,10 @@ __all__ = [
 JOURNAL_FORMAT = "exumi-journal"
 EVENTS_LOG = "events"
 CLOCK_LOG = "clock"
-_RESERVED = frozenset((EVENTS_LOG, CLOCK_LOG, "calibration"))
+HEADER_LOG = "header"
+"""Holds the header once more, as a record with a checksum: without a header all is lost."""
+RESERVED = frozenset((EVENTS_LOG, CLOCK_LOG, HEADER_LOG, "calibration"))
+"""What no stream can be called: a journal has folders of these names."""
 
 
 class ArrayLayout(Model):
@@ -145,7 +150,7 @@ class JournalHeader(Model):
 
     @model_validator(mode="after")
     def _consistent(self) -> "JournalHeader":
-        if taken := _RESERVED & set(self.streams):
+        if taken := RESERVED & set(self.streams):
             msg = f"no stream can be called {min(taken)!r}: a log or folder of the journal is"
             raise ValueError(msg)
         if self.episode.streams:

@@ -7,7 +7,6 @@ import shutil
 import struct
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from exumi_data.model.base import STREAM_NAME
 from exumi_data.store.files import sync_folder, try_lock, write_atomic
 from exumi_recorders.contract import Event
 from exumi_recorders.journal.flusher import FLUSH_PERIOD_S, Flusher, OnFlushed
-from exumi_recorders.journal.header import CLOCK_LOG, EVENTS_LOG, JournalHeader
+from exumi_recorders.journal.header import CLOCK_LOG, EVENTS_LOG, HEADER_LOG, JournalHeader
 from exumi_recorders.journal.log import SEGMENT_BYTES, LogWriter
 from exumi_recorders.journal.record import NONE, pack_header, salt_of
 from exumi_recorders.journal.states import (
@@ -108,8 +107,10 @@ class JournalWriter:
                 log = LogWriter(self.path / name, segment_bytes=segment_bytes)
                 self._logs[name] = _Numbered(log, salt_of(header.episode.id, name))
             write_state(self.path, JournalState(state="recording"))
+            raw = header.to_json()
+            _write_copy(self.path / HEADER_LOG, header.episode.id, raw)
             # Last: a journal without a header was never shown as recording.
-            write_atomic(self.path / HEADER_NAME, header.to_json())
+            write_atomic(self.path / HEADER_NAME, raw)
             for folder in (self.path, self.path.parent, dataset):
                 sync_folder(folder)
             self._flusher = Flusher(
@@ -128,6 +129,15 @@ class JournalWriter:
     def written_bytes(self) -> int:
         """What was written, of all logs."""
         return sum(log.writer.bytes for log in self._logs.values())
+
+    def records(self, stream: str) -> int:
+        """Return how many records of a stream were written.
+
+        Parameters
+        ----------
+        stream : str
+        """
+        return self._logs[stream].writer.records
 
     @property
     def flush_error(self) -> OSError | None:
@@ -185,37 +195,49 @@ class JournalWriter:
         Raises
         ------
         OSError
-            The disk reports that something was not written.
+            The disk reports that something was not written, and `truncated` does not say so: call
+            it again with the reason, or `abandon`.
         """
         if self._lock < 0:
             return
-        try:
-            self._stop_flusher()
-            write_state(self.path, JournalState(state="stopped", truncated=truncated))
-        finally:
-            self._close_logs()
+        error = self._close_all()
+        if error is not None and truncated is None:
+            raise error
+        write_state(self.path, JournalState(state="stopped", truncated=truncated))
+        self._unlock()
 
     def abandon(self) -> None:
         """Close what is open, and leave the state as it is: the journal can be recovered."""
-        with suppress(OSError):
-            self._close_logs()
+        self._close_all()
+        self._unlock()
 
-    def _stop_flusher(self) -> None:
+    def _close_all(self) -> OSError | None:
+        """Close all logs, also a second time; return the last thing that the disk reported."""
+        found = None
         if self._flusher is not None:
             self._flusher.stop()
-            for log in self._logs.values():
-                self._flusher.tell(log.writer.close())
+            found = self._flusher.error
+        for log in self._logs.values():
+            try:
+                flushed = log.writer.close()
+            except OSError as error:
+                found = error
+                continue
+            if self._flusher is not None:
+                self._flusher.tell(flushed)
+        return found
 
-    def _close_logs(self) -> None:
-        if self._flusher is not None:
-            self._flusher.stop()
-        try:
-            for log in self._logs.values():
-                log.writer.close()
-        finally:
-            if self._lock >= 0:
-                os.close(self._lock)
-                self._lock = -1
+    def _unlock(self) -> None:
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
+
+
+def _write_copy(folder: Path, episode_id: str, raw: bytes) -> None:
+    """Write the header as the one record of a log of its own."""
+    log = LogWriter(folder)
+    log.append((pack_header(salt_of(episode_id, HEADER_LOG), 0, 0, NONE, NONE, 0, raw), raw))
+    log.close()
 
 
 def _write_array(folder: Path, name: str, values: np.ndarray) -> None:

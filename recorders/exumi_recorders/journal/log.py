@@ -48,13 +48,13 @@ class LogWriter:
 
     Attributes
     ----------
-    bytes : int
-        What was appended, of all segments.
+    bytes, records : int
+        What was appended, of all segments: whole records alone.
     """
 
     def __init__(self, folder: Path, *, segment_bytes: int = SEGMENT_BYTES) -> None:
         self.folder = folder
-        self.bytes = 0
+        self.bytes = self.records = 0
         self._segment_bytes = segment_bytes
         self._segments = 0
         self._retired: deque[_Segment] = deque()
@@ -86,6 +86,8 @@ class LogWriter:
             Nothing more can be written, as when the disk is full. Whole records that were written
             stay, the rest of one is cut off.
         """
+        if self._closed:
+            raise OSError(errno.EBADF, "the log is closed", str(self.folder))
         for start in range(0, len(pieces), _MOST_PIECES):
             if self._current.position >= self._segment_bytes:
                 begun = self._begin()
@@ -101,14 +103,18 @@ class LogWriter:
             while done < total:
                 done += os.write(segment.descriptor, _from(pieces, done))
         except OSError:
-            whole = segment.position + _whole_records(pieces, done)
+            records, length = _whole_records(pieces, done)
+            whole = segment.position + length
             os.ftruncate(segment.descriptor, whole)
             os.lseek(segment.descriptor, whole, os.SEEK_SET)
-            self.bytes += whole - segment.position
-            segment.position = whole
+            self._count(segment, records, length)
             raise
-        segment.position += total
-        self.bytes += total
+        self._count(segment, len(pieces) // 2, total)
+
+    def _count(self, segment: _Segment, records: int, length: int) -> None:
+        segment.position += length
+        self.bytes += length
+        self.records += records
 
     def flush(self) -> list[tuple[Path, int]]:
         """Make what was appended survive a power loss; for one thread beside the appending one.
@@ -177,12 +183,12 @@ def _from(pieces: Sequence[bytes], start: int) -> memoryview:
     return memoryview(b"")
 
 
-def _whole_records(pieces: Sequence[bytes], done: int) -> int:
-    """Return how many of `done` bytes are whole records."""
-    whole = 0
+def _whole_records(pieces: Sequence[bytes], done: int) -> tuple[int, int]:
+    """Return how many records are whole in the first `done` bytes, and how long these are."""
+    length = 0
     for index in range(0, len(pieces), 2):
-        end = whole + HEADER_BYTES + len(pieces[index + 1])
+        end = length + HEADER_BYTES + len(pieces[index + 1])
         if end > done:
-            break
-        whole = end
-    return whole
+            return index // 2, length
+        length = end
+    return len(pieces) // 2, length

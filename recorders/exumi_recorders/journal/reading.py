@@ -8,7 +8,6 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 import numpy.typing as npt
@@ -265,20 +264,15 @@ class LogReader:
 
     def _search(self, segment: "_Segment", start: int) -> int:
         searched = 0
-        while start < segment.size:
-            piece = segment.read(start, _PIECE + len(MAGIC) - 1)
-            at = piece.find(MAGIC)
-            if at < 0:
-                start += max(1, min(_PIECE, len(piece)))
+        for at in _magics(segment, start):
+            header = unpack_header(segment.read(at, HEADER_BYTES))
+            if header is None or not self._may_follow(header, segment.size - at):
                 continue
-            header = unpack_header(segment.read(start + at, HEADER_BYTES))
-            if header is not None and self._may_follow(header, segment.size - start - at):
-                searched += header.length
-                if searched > _MOST_SEARCHED * max(segment.size, MAX_PAYLOAD_BYTES):
-                    return segment.size
-                if self._record_at(segment, start + at) is not None:
-                    return start + at
-            start += at + 1
+            searched += header.length
+            if searched > _MOST_SEARCHED * max(segment.size, MAX_PAYLOAD_BYTES):
+                return segment.size
+            if self._record_at(segment, at) is not None:
+                return at
         return segment.size
 
     def _close_damage(self, seq: int) -> bool:
@@ -307,13 +301,20 @@ class _Segment:
     def __enter__(self) -> "_Segment":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         os.close(self._descriptor)
+
+
+def _magics(segment: _Segment, start: int) -> Iterator[int]:
+    """Yield where magics are, from an offset on."""
+    while start < segment.size:
+        # The last ones of a piece may go over its end.
+        piece = segment.read(start, _PIECE + len(MAGIC) - 1)
+        at = piece.find(MAGIC)
+        while at >= 0:
+            yield start + at
+            at = piece.find(MAGIC, at + 1)
+        start += _PIECE
 
 
 def _what(segment: _Segment, start: int, stop: int) -> str:

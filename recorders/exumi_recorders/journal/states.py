@@ -16,17 +16,19 @@ from pydantic import Field, ValidationError
 
 from exumi_data.errors import MetadataError, UsageError
 from exumi_data.model.base import Model, Version
-from exumi_data.model.documents import dump, load_json
+from exumi_data.model.documents import check_version, dump, load_json
 from exumi_data.store.files import try_lock, write_atomic
 from exumi_data.store.plain_files import read_plain
 
 __all__ = [
     "HEADER_NAME",
     "RECORDING_FOLDER",
+    "REMOVED",
     "STATE_NAME",
     "SUFFIX",
     "JournalState",
     "State",
+    "bytes_of_logs",
     "discard",
     "journal_folder",
     "judge",
@@ -34,6 +36,7 @@ __all__ = [
     "locked",
     "purge",
     "read_state",
+    "remove_leftovers",
     "undo_discard",
     "write_state",
 ]
@@ -41,7 +44,10 @@ __all__ = [
 RECORDING_FOLDER = ".recording"
 SUFFIX = ".rec"
 HEADER_NAME = "header.json"
+REMOVED = ".removed"
+"""In place of `SUFFIX`, of a journal whose episode is complete: nobody reads it any more."""
 STATE_NAME = "state.json"
+STATE_FORMAT = "exumi-journal-state"
 _MOST_BYTES = 1 << 16
 
 State = Literal["recording", "stopped", "finalised", "discarded"]
@@ -91,6 +97,19 @@ def list_journals(dataset: Path) -> list[Path]:
     )
 
 
+def remove_leftovers(dataset: Path) -> None:
+    """Remove what is left of journals whose removal was interrupted.
+
+    Parameters
+    ----------
+    dataset : pathlib.Path
+    """
+    folder = dataset / RECORDING_FOLDER
+    if not folder.is_symlink():
+        for path in folder.glob(f"*{REMOVED}"):
+            shutil.rmtree(path, ignore_errors=True)
+
+
 def read_state(journal: Path) -> JournalState:
     """Return a journal's state. One that cannot be read was being recorded when the power went.
 
@@ -102,11 +121,16 @@ def read_state(journal: Path) -> JournalState:
     ------
     DamagedDataError
         There is something else of that name.
+    UnsupportedError
+        It is of a newer version.
     """
     path = journal / STATE_NAME
     try:
         document = load_json(read_plain(path, _MOST_BYTES), path)
-        return JournalState.model_validate_json(json.dumps(document))
+        newer = check_version(document, STATE_FORMAT, path)
+        return JournalState.model_validate_json(
+            json.dumps(document), context={"newer_minor": newer}
+        )
     except (FileNotFoundError, MetadataError, ValidationError):
         return JournalState(state="recording")
 
@@ -213,12 +237,36 @@ def judge(journal: Path, *, success: bool) -> None:
         write_state(journal, state.model_copy(update={"success": success}))
 
 
-def purge(journal: Path) -> None:
+def bytes_of_logs(journal: Path) -> int:
+    """Return how many bytes `purge` would remove.
+
+    Parameters
+    ----------
+    journal : pathlib.Path
+    """
+    return sum(
+        path.lstat().st_size
+        for folder in _folders_of(journal)
+        for path in folder.rglob("*")
+        if not path.is_dir()
+    )
+
+
+def _folders_of(journal: Path) -> list[Path]:
+    return [entry for entry in journal.iterdir() if entry.is_dir() and not entry.is_symlink()]
+
+
+def purge(journal: Path) -> int:
     """Remove the logs of a discarded journal; header and state stay as the tombstone.
 
     Parameters
     ----------
     journal : pathlib.Path
+
+    Returns
+    -------
+    int
+        The bytes that were removed.
 
     Raises
     ------
@@ -228,7 +276,8 @@ def purge(journal: Path) -> None:
     with _changed(journal) as state:
         if state.state != "discarded":
             raise UsageError(f"is not discarded but {state.state}", where=journal)
+        size = bytes_of_logs(journal)
         write_state(journal, state.model_copy(update={"purged": True}))
-        for entry in journal.iterdir():
-            if entry.is_dir() and not entry.is_symlink():
-                shutil.rmtree(entry)
+        for folder in _folders_of(journal):
+            shutil.rmtree(folder)
+        return size

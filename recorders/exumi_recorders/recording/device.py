@@ -2,12 +2,14 @@
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from exumi_recorders.contract import Driver, Event, Files, Health, Port, Sample
-from exumi_recorders.finalise.events import DEVICE_BACK, DEVICE_LOST
+from exumi_recorders.contract import DeviceError, Driver, Event, Files, Health, Port, Sample
+from exumi_recorders.finalise.events import DEVICE_BACK, DEVICE_LOST, FROZEN
 from exumi_recorders.finalise.losses import KNOWN_FLAGS
 from exumi_recorders.journal.record import RESTARTED
 from exumi_recorders.recording.status import StreamMeter
@@ -15,10 +17,10 @@ from exumi_recorders.recording.status import StreamMeter
 if TYPE_CHECKING:
     from exumi_recorders.recording.lanes import Lane
 
-__all__ = ["FROZEN", "DeviceThread", "RecordedDevice", "RecordedStream"]
+__all__ = ["RESTART", "DeviceThread", "RecordedDevice", "RecordedStream"]
 
-FROZEN = "frozen"
-"""Event: a pose stream has repeated itself for `FROZEN_AFTER_NS`."""
+RESTART = "restart"
+"""Event of a driver: what comes after it is counted and stamped by the device anew."""
 FROZEN_AFTER_NS = 500_000_000
 
 _READ_S = 0.1
@@ -138,6 +140,9 @@ class DeviceThread:
         self._ready = threading.Event()
         self._failure: Exception | None = None
         self._health_at = 0
+        self._asking = threading.Lock()
+        # A driver counts from 0 when it is opened again; an episode does not.
+        self._lost_before: Mapping[str, int] = {}
         self._restarted: set[str] = set()
         self._frozen: set[str] = set()
         self._thread = threading.Thread(target=self._run, name=f"device {device.name}", daemon=True)
@@ -170,12 +175,18 @@ class DeviceThread:
 
     def health_now(self) -> Health:
         """Ask the driver how the device is; what it said last where it cannot say."""
-        if self.connected:
-            try:
-                self.health = self._driver.health()
-            except Exception as error:  # noqa: BLE001  # a driver's mistake must not end a recording
-                self.trouble = _text(error)
+        try:
+            self._ask()
+        except Exception as error:  # noqa: BLE001  # a driver's mistake must not end a recording
+            self.trouble = _text(error)
         return self.health
+
+    def _ask(self) -> None:
+        with self._asking:
+            if self.connected:
+                said = self._driver.health()
+                lost = Counter(self._lost_before) + Counter(said.lost)
+                self.health = replace(said, lost=dict(lost))
 
     def _run(self) -> None:
         try:
@@ -196,17 +207,21 @@ class DeviceThread:
                     self._take(items, now_ns)
                 if now_ns - self._health_at > _HEALTH_NS:
                     self._health_at = now_ns
-                    self.health = self._driver.health()
+                    self._ask()
             except Exception as error:  # noqa: BLE001  # a lost device, or a driver's mistake: others go on
                 self._lost(error)
         self._close()
 
     def _find_streams(self) -> None:
         ports = {port.name: port for port in self._driver.ports}
+        unknown = [repr(name) for name in self._device.streams if name not in ports]
+        if unknown:
+            raise DeviceError(
+                f"has no port {' or '.join(unknown)}, but {', '.join(sorted(ports))}",
+                where=self.name,
+                fix=f"Correct `streams` of [devices.{self.name}].",
+            )
         for port_name, stream in self._device.streams.items():
-            if port_name not in ports:
-                msg = f"{self.name} has no port {port_name!r}, but {', '.join(sorted(ports))}"
-                raise ValueError(msg)
             self.streams[port_name] = RecordedStream(stream, self.name, ports[port_name])
 
     def _take(self, items: list[Sample | Event], now_ns: int) -> None:
@@ -214,6 +229,8 @@ class DeviceThread:
         with_preview = self._has_room()
         for item in items:
             if isinstance(item, Event):
+                if item.name == RESTART:
+                    self._restarted = set(self.streams)
                 self._on_event(self.name, item)
                 urgent = True
                 continue
@@ -239,7 +256,11 @@ class DeviceThread:
 
     def _lost(self, error: Exception) -> None:
         """Say that the device is gone, and open it again each second until it is back."""
-        self.connected = False
+        with suppress(Exception):  # it may be why the device is lost
+            self._ask()
+        with self._asking:
+            self.connected = False
+            self._lost_before = self.health.lost
         self.trouble = _text(error)
         detail = {"error": self.trouble}
         self._on_event(self.name, Event(DEVICE_LOST, time.monotonic_ns(), detail))

@@ -14,6 +14,7 @@ from exumi_data.model.description import CalibrationItem
 from exumi_data.model.episode import EpisodeMetadata
 from exumi_recorders.contract import DeviceError, Event, Health, Sample
 from exumi_recorders.finalise.clocks import utc_text
+from exumi_recorders.finalise.events import DEVICE_LOST, FROZEN, STOPPED
 from exumi_recorders.finalise.rehearsal import rehearse
 from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.journal.flusher import OnFlushed
@@ -37,11 +38,15 @@ from exumi_recorders.recording.status import (
 )
 from exumi_recorders.recording.writer import WriterThread
 
-__all__ = ["LATENCY", "Recorded", "Recorder"]
+__all__ = ["LATENCY", "Recorded", "Recorder", "latency_of"]
 
 LATENCY = "latency/"
 """A calibration item of this name and a stream's is its latency: value and uncertainty in ns."""
-STICKY = ("world_frame", "controls")
+MALFORMED = "malformed"
+"""Cause of samples that cannot be stored: of another length, or stamped in the future."""
+MOST_LATENCY_NS = 60_000_000_000
+"""What is later than a minute is no latency, but a number in another unit."""
+STICKY = ("world_frame", "controls", "clock")
 """Events that hold until the next one: an episode that begins later gets the last one."""
 
 _OPEN_S = 30.0
@@ -125,6 +130,7 @@ class Recorder:
         self.told = on_event
         self._pressure = Pressure(self._limits)
         self._sticky: dict[tuple[str, str], Event] = {}
+        self._early: list[tuple[str, Event]] | None = None
         self._episode: _Episode | None = None
         self._reserve: Reserve | None = None
         self._truncated: str | None = None
@@ -251,6 +257,9 @@ class Recorder:
         lanes = {name: self._lane(header, streams[name]) for name in streams}
         health = {thread.name: thread.health_now() for thread in self._threads}
         self._truncated = None
+        with self._events_lock:
+            # What happens from here on comes after this, and waits for the journal.
+            early = self._early = self._held_events()
         self._pressure.lanes = tuple(lanes.values())
         for name, stream in streams.items():
             stream.lane = lanes[name]
@@ -263,7 +272,9 @@ class Recorder:
                 on_flushed=self._on_flushed,
             )
         except BaseException:
+            self._early = None
             self._detach(lanes)
+            self._pressure.lanes = ()
             raise
         writer = WriterThread(
             journal,
@@ -273,11 +284,28 @@ class Recorder:
             reserve=reserve,
         )
         with self._events_lock:
-            for (device, _name), event in self._sticky.items():
+            for device, event in early:
                 writer.put_event(device, event)
+            self._early = None
             self._episode = _Episode(metadata.id, monotonic, journal, writer, lanes, health)
         writer.start()
         return journal.path
+
+    def _held_events(self) -> list[tuple[str, Event]]:
+        """Return what an episode that begins now has to know of before."""
+        now_ns = time.monotonic_ns()
+        gone = [
+            (thread.name, Event(DEVICE_LOST, now_ns, {"error": thread.trouble or ""}))
+            for thread in self._threads
+            if not thread.connected
+        ]
+        frozen = [
+            (stream.device, Event(FROZEN, now_ns, {"stream": stream.name}))
+            for stream in self.streams.values()
+            if stream.frozen
+        ]
+        held = [(device, event) for (device, _), event in self._sticky.items()]
+        return [*held, *gone, *frozen]
 
     def _reserve_of(self, dataset: Path) -> Reserve:
         """Return what is kept back on the dataset's disk, from one episode to the next."""
@@ -317,6 +345,7 @@ class Recorder:
         stop_ns = time.monotonic_ns()
         for lane in episode.lanes.values():
             lane.end_at(stop_ns)
+        episode.writer.put_event("", Event(STOPPED, stop_ns))
         if episode.writer.truncated is None:
             time.sleep(_GRACE_S)  # what was stamped before may still be on its way
         self._detach(episode.lanes)
@@ -358,6 +387,8 @@ class Recorder:
             episode = self._episode
             if episode is not None:
                 episode.writer.put_event(device, event)
+            elif self._early is not None:
+                self._early.append((device, event))
         told = self.told
         if told is not None and not own:
             told(device, event)
@@ -384,7 +415,7 @@ class Recorder:
             for name, causes in _lost(thread, health, episode.health[thread.name]).items():
                 lost.setdefault(name, {}).update(causes)
         for name, lane in episode.lanes.items():
-            for cause, number in (("queue", lane.dropped), ("malformed", lane.malformed)):
+            for cause, number in (("queue", lane.dropped), (MALFORMED, lane.malformed)):
                 if number:
                     lost.setdefault(name, {})[cause] = number
         return {"lost": lost, "stamp_sigma_ns": sigmas}
@@ -434,9 +465,6 @@ class Recorder:
             problems.append(Problem("", code, f"The recording was ended: {truncated}."))
         if share >= self._limits.warn_share:
             problems.append(Problem("", "disk_slow", "The disk cannot keep up."))
-        if episode is not None and episode.journal.flush_error is not None:
-            text = f"The disk reports: {episode.journal.flush_error.strerror}."
-            problems.append(Problem("", "disk_error", text))
         return problems
 
 
@@ -447,15 +475,29 @@ def _boot_id() -> str:
         return "unknown"
 
 
+def latency_of(item: CalibrationItem) -> int | None:
+    """Return the latency that a calibration item states, ns; None where it is none.
+
+    Parameters
+    ----------
+    item : CalibrationItem
+    """
+    value = item.value
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return round(value) if abs(value) <= MOST_LATENCY_NS else None
+
+
 def _stream_header(
     stream: RecordedStream, calibration: Mapping[str, CalibrationItem]
 ) -> StreamHeader:
     item = calibration.get(f"{LATENCY}{stream.name}")
     document = port_document(stream.port)
-    if item is None or not isinstance(item.value, int | float) or isinstance(item.value, bool):
+    latency_ns = None if item is None else latency_of(item)
+    if item is None or latency_ns is None:
         return StreamHeader(device=stream.device, port=document)
     latency = KnownLatency(
-        latency_ns=round(item.value), latency_sigma_ns=item.uncertainty, method=item.method
+        latency_ns=latency_ns, latency_sigma_ns=item.uncertainty, method=item.method
     )
     return StreamHeader(device=stream.device, port=document, latency=latency)
 
@@ -472,9 +514,8 @@ def _lost(thread: DeviceThread, now: Health, before: Health) -> dict[str, dict[s
         since = number - before.lost.get(key, 0)
         port, divided, cause = key.rpartition("/")
         stream = thread.streams.get(port if divided else first or "")
-        # A driver that was opened anew counts from 0.
-        since = number if since < 0 else since
-        if stream is not None and since:
+        # It may be less than before: what was missed then came late.
+        if stream is not None and since > 0:
             found.setdefault(stream.name, {})[cause] = since
     return found
 
@@ -493,7 +534,7 @@ def _stream_status(
         age_s=None if newest is None else (now_ns - newest) / 1e9,
         samples=0 if lane is None else lane.written,
         dropped=0 if lane is None else lane.dropped,
-        lost=lost,
+        lost=lost if lane is None or not lane.malformed else {**lost, MALFORMED: lane.malformed},
         queue_bytes=0 if lane is None else lane.waiting_bytes,
         queue_age_s=0.0 if lane is None else lane.age_ns(now_ns) / 1e9,
     )
@@ -518,6 +559,9 @@ def _stream_problems(
     if status.dropped:
         text = f"{status.dropped} samples were dropped: the disk cannot keep up."
         problems.append(Problem(stream.name, "dropping", text))
+    if malformed := status.lost.get(MALFORMED):
+        text = f"{malformed} samples were not what the driver promised, and are left out."
+        problems.append(Problem(stream.name, MALFORMED, text))
     if stream.frozen:
         problems.append(
             Problem(stream.name, "frozen", "The pose does not change: tracking may be lost.")

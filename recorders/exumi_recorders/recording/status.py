@@ -23,8 +23,8 @@ class Problem:
     where : str
         The stream or the device; empty for the recorder itself.
     code : str
-        ``device_lost``, ``no_samples``, ``frozen``, ``disk_slow``, ``dropping``, ``disk_full``,
-        ``disk_error``, ``device``.
+        ``device_lost``, ``no_samples``, ``malformed``, ``frozen``, ``disk_slow``, ``dropping``,
+        ``disk_full``, ``disk_error``, ``device``.
     text : str
         A sentence.
     """
@@ -52,7 +52,7 @@ class StreamStatus:
     dropped : int
         In this episode, because the disk could not keep up.
     lost : mapping of str to int
-        In this episode, by cause, as the device counts.
+        In this episode, by cause, as the device counts; and what it sent in a wrong form.
     queue_bytes : int
     queue_age_s : float
     """

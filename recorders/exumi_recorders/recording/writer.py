@@ -91,6 +91,8 @@ class WriterThread:
                 self.wake.clear()
                 self._write()
                 self._look_after(time.monotonic_ns())
+                if (error := self._journal.flush_error) is not None:
+                    raise error  # what was written may be lost: no better than if it could not be
                 if self.truncated is not None:
                     break
             self._end()
@@ -105,12 +107,20 @@ class WriterThread:
         for lane in self._lanes:
             pieces = lane.take()
             if pieces:
-                self._journal.append(lane.stream, pieces)
-                lane.done(pieces)
+                self._append(lane, pieces)
         while self._events:
             device, event = self._events[0]
             self._journal.append_event(device, event)
             self._events.popleft()
+
+    def _append(self, lane: Lane, pieces: Sequence[bytes]) -> None:
+        before = self._journal.records(lane.stream)
+        try:
+            self._journal.append(lane.stream, pieces)
+        finally:
+            # Of a disk that ran full meanwhile, some are there: they are not lost.
+            written = self._journal.records(lane.stream) - before
+            lane.done(pieces[: 2 * written])
 
     def _look_after(self, now_ns: int) -> None:
         if now_ns - self._clocked_at > _CLOCK_NS:

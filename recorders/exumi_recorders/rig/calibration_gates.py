@@ -6,12 +6,13 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from pydantic import ValidationError
 
+from exumi_data.calibration_items import moment_of
 from exumi_data.model.calibration import INTRINSICS, Intrinsics
 from exumi_data.model.description import CalibrationItem
 from exumi_data.width_map import WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.contract import Files, Port, Rows
 from exumi_recorders.finalise.rows import row_dtype
-from exumi_recorders.recording.recorder import LATENCY
+from exumi_recorders.recording.recorder import LATENCY, latency_of
 from exumi_recorders.rig.gate import Gate, Verdict
 
 __all__ = ["calibration_gates", "width_gate"]
@@ -20,11 +21,16 @@ __all__ = ["calibration_gates", "width_gate"]
 # start. A week is what a careful laboratory lets pass.
 _OLD = timedelta(days=7)
 _TIMED_KINDS = ("pose", "width", "taxels", "tactile", "rgb", "wrench")
+_MOST_SHOWN = 80
 _EXPECTED_MAP = "a map from counts to widths"
 _EXPECTED_LATENCY = f"measured within {_OLD.days} days"
 _MAP_FIX = (
     "Calibrate it: exumi calibrate gripper --help; and name the file as `calibration` in [rig]. "
     "To record the calibration itself: exumi record --uncalibrated."
+)
+_TURNS_FIX = (
+    "The gripper turns the encoder more than once: let its driver count the turns, by `home`, the "
+    "count where the gripper is closed."
 )
 _LATENCY_FIXES: Mapping[str, str] = {
     "pose": "Sweep the hand before a marker: exumi calibrate latency --help.",
@@ -76,14 +82,16 @@ def width_gate(
         The newest payload.
     """
     item = items.get(WIDTH_MAP)
-    known = "none" if item is None else read_width_map(item.value)
+    modulus = (port.metadata.get("raw") or {}).get("modulus")
+    known = "none" if item is None else read_width_map(item.value, modulus)
     if not isinstance(known, WidthMap):
         found = known if item is None else f"a wrong one: {known}"
-        return Gate(WIDTH_MAP, stream, "fail", found, _EXPECTED_MAP, _MAP_FIX)
+        is_long = item is not None and isinstance(read_width_map(item.value), WidthMap)
+        fix = _TURNS_FIX if is_long else _MAP_FIX
+        return Gate(WIDTH_MAP, stream, "fail", found, _EXPECTED_MAP, fix)
     if latest is None or not isinstance(port.payload, Rows):
         return Gate(WIDTH_MAP, stream, "pass", f"{len(known.raw)} points", _EXPECTED_MAP)
     counts = np.frombuffer(latest, row_dtype(port.payload))["raw"]
-    modulus = (port.metadata.get("raw") or {}).get("modulus")
     widths, outside = known.widths(counts, modulus)
     found = f"{1e3 * float(widths[0]):.1f} mm now"
     if outside[0]:
@@ -103,16 +111,18 @@ def _latency(stream: str, port: Port, items: Mapping[str, CalibrationItem], now:
     if item is None:
         found = "none: times are those of arrival"
         return Gate("latency", stream, "warn", found, _EXPECTED_LATENCY, fix)
-    if isinstance(item.value, bool) or not isinstance(item.value, int | float) or item.unit != "ns":
-        found = f"{item.value!r} {item.unit or ''}".strip()
-        return Gate("latency", stream, "fail", found, "a number, in ns", fix)
+    latency_ns = latency_of(item)
+    if latency_ns is None or item.unit != "ns":
+        found = f"{str(item.value)[:_MOST_SHOWN]} {item.unit or ''}".strip()
+        return Gate("latency", stream, "fail", found, "a number in ns, of a minute at most", fix)
     sigma = "" if item.uncertainty is None else f" ± {item.uncertainty / 1e6:.1f}"
-    found = f"{item.value / 1e6:.1f}{sigma} ms"
-    if item.time is None:
+    found = f"{latency_ns / 1e6:.1f}{sigma} ms"
+    moment = moment_of(item)
+    if moment is None:
         return Gate(
             "latency", stream, "warn", f"{found}, of an unknown day", _EXPECTED_LATENCY, fix
         )
-    age = now - datetime.fromisoformat(item.time)
+    age = now - moment
     found += f", {_age(age)} old"
     verdict: Verdict = "warn" if age > _OLD else "pass"
     return Gate(

@@ -24,15 +24,14 @@ def read_calibrations(rig: Rig) -> Calibrated:
     DamagedDataError
         Its arrays are not those that belong to it.
     """
-    found = {}
-    for name in rig.about.calibration:
-        path = rig.beside(name)
-        if not path.is_file():
-            raise UsageError(
-                "the calibration file is not there",
-                where=path,
-                fix="Calibrate with: exumi calibrate --help; or take it out of the rig file.",
-            )
-        found[str(path)] = read_calibration(path)
-    whole = merge(found)
+    paths = [rig.beside(name) for name in rig.about.calibration]
+    missing = [path for path in paths if not path.is_file()]
+    if missing:
+        files = "the calibration file is" if len(missing) == 1 else "these calibration files are"
+        raise UsageError(
+            f"{files} not there",
+            where=", ".join(map(str, missing)),
+            fix="Calibrate with: exumi calibrate --help; or correct `calibration` in [rig].",
+        )
+    whole = merge({str(path): read_calibration(path) for path in paths})
     return Calibrated(whole.items, whole.arrays)

@@ -1,8 +1,7 @@
 """``exumi rig check``: every gate of the preflight, all that is wrong at once."""
 
 import os
-import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,6 +20,8 @@ from exumi_recorders.rig.gate import Gate
 from exumi_recorders.rig.hub_clock import clock_gates, read_clock_state
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.rig.probing import ProbedDevice, probe
+from exumi_recorders.rig.touch_gates import touch_gates
+from exumi_recorders.session.hooks import missing_program
 from exumi_recorders.session.plan import Calibrated
 
 __all__ = ["RigReport", "check_rig", "disk_gate", "hook_gates"]
@@ -65,6 +66,7 @@ def check_rig(
     calibrated: Calibrated | None = None,
     out: Path | None = None,
     seconds: float = 3.0,
+    ask: Callable[[str], str] | None = None,
 ) -> RigReport:
     """Open all devices of a rig, watch them for some seconds, and judge everything.
 
@@ -76,6 +78,9 @@ def check_rig(
     out : pathlib.Path, optional
         The dataset to record to. Default: that of the rig file.
     seconds : float
+    ask : callable, optional
+        Tells the operator what to do, and returns when it is done: each finger is then pressed, to
+        see that left and right are not exchanged.
     """
     calibrated, gates = _calibration_of(rig, calibrated)
     devices = recorded_devices(rig)
@@ -87,6 +92,8 @@ def check_rig(
     gates.append(flag_gate(rig, probed))
     streams = [stream for device in probed for stream in device.streams.values()]
     gates += finger_gates(streams, calibrated.arrays)
+    if ask is not None:
+        gates += touch_gates(rig, streams, ask)
     # Of a device that could not be opened, what its options say.
     ports |= {stream.name: stream.port for stream in streams}
     gates += _calibration_gates(ports, calibrated, probed)
@@ -173,9 +180,10 @@ def hook_gates(rig: Rig) -> list[Gate]:
         command = getattr(rig.hooks, name)
         if command is None:
             continue
-        if shutil.which(command[0]):
+        missing = missing_program(command)
+        if missing is None:
             gates.append(Gate("hook", name, "pass", command[0], "a program"))
         else:
-            fix = f"Install {command[0]}, or correct `{name}` in [hooks]."
-            gates.append(Gate("hook", name, "warn", f"no program {command[0]}", "a program", fix))
+            fix = f"Install {missing}, or correct `{name}` in [hooks]."
+            gates.append(Gate("hook", name, "warn", f"no program {missing}", "a program", fix))
     return gates

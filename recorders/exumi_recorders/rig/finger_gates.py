@@ -21,7 +21,7 @@ from exumi_recorders.contract import Files
 from exumi_recorders.rig.gate import Gate
 from exumi_recorders.rig.probing import ProbedStream
 
-__all__ = ["finger_gates"]
+__all__ = ["decoded_frames", "finger_gates"]
 
 Image = npt.NDArray[np.uint8]
 
@@ -51,7 +51,7 @@ def finger_gates(
         for name, array in arrays.items()
         if name.startswith(RIG_REFERENCE) and _is_image(array)
     }
-    images = {stream.name: _decoded(stream) for stream in tactile}
+    images = {stream.name: decoded_frames(stream) for stream in tactile}
     return [
         gate
         for stream in tactile
@@ -66,8 +66,8 @@ def _is_image(array: npt.NDArray[np.generic]) -> bool:
     return array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] in {1, 3}
 
 
-def _decoded(stream: ProbedStream) -> list[Image]:
-    """Return the frames that were kept, grey; damaged ones are left out."""
+def decoded_frames(stream: ProbedStream) -> list[Image]:
+    """Return the frames of a camera that were kept, grey; damaged ones are left out."""
     size = stream.port.payload
     assert isinstance(size, Files)  # noqa: S101  # tactile cameras send files
     found = []

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
+from exumi_data.calibration_items import moment_of
 from exumi_data.model.description import CalibrationItem
 from exumi_recorders.rig.gate import Gate
 
@@ -75,8 +76,8 @@ def clock_gates(
     items : iterable of CalibrationItem
         None of them can be of tomorrow.
     """
-    times = [datetime.fromisoformat(item.time) for item in items if item.time is not None]
-    first = max([_FIRST, *(time - _AHEAD for time in times)])
+    times = [moment for moment in map(moment_of, items) if moment is not None]
+    first = max(_FIRST, max([_FIRST, *times]) - _AHEAD)
     found = now.strftime("%Y-%m-%d %H:%M UTC")
     if now < first:
         expected = f"after {first:%Y-%m-%d %H:%M}"

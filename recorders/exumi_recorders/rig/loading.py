@@ -1,20 +1,24 @@
 """Reading rig files: TOML or YAML, all mistakes at once, each with its place and line."""
 
 import re
+import stat
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from exumi_data.errors import ExumiError, MetadataError, MissingExtraError, UsageError
+from exumi_data.errors import ExumiError, MetadataError, UsageError
 from exumi_data.model.base import STREAM_NAME
 from exumi_data.model.description import Embodiment
 from exumi_recorders.contract import DriverType
 from exumi_recorders.drivers.registry import find_driver
+from exumi_recorders.journal.header import RESERVED
 from exumi_recorders.rig.model import FORMAT, VERSION, About, Controls, Device, Hooks, Limits, Rig
+from exumi_recorders.rig.yaml_file import read_yaml
 
 __all__ = ["load_rig", "parse_rig"]
 
@@ -30,6 +34,7 @@ _KNOWN = ("format", "version", *_SECTIONS, "devices")
 
 M = TypeVar("M")
 Place = tuple[str | int, ...]
+LineOf = Callable[[Place], int | None]
 
 
 def load_rig(path: Path) -> Rig:
@@ -49,48 +54,54 @@ def load_rig(path: Path) -> Rig:
     MissingExtraError
         YAML cannot be read without the extra ``record``.
     """
-    try:
-        size = path.stat().st_size
-        raw = path.read_bytes() if size <= _MOST_BYTES else b""
-    except OSError as error:
-        raise UsageError(
-            f"the rig file cannot be read ({error.strerror})",
-            where=path,
-            fix=f"Make one with: exumi rig init {path}",
-        ) from None
-    if size > _MOST_BYTES:
-        raise UsageError(f"{size:,} bytes are too many for a rig file", where=path)
+    raw = _read(path)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise UsageError(f"the rig file is not UTF-8 ({error.reason})", where=path) from None
-    document = _from_yaml(text, path) if path.suffix in {".yaml", ".yml"} else _toml(text, path)
-    return parse_rig(document, path=path, text=text)
+    if path.suffix not in {".yaml", ".yml"}:
+        return parse_rig(_toml(text, path), path=path, line_of=partial(_line_of, text))
+    found = read_yaml(text, path)
+    return parse_rig(
+        found.document,
+        path=path,
+        line_of=partial(_line_in, found.lines),
+        mistakes=[(place, "stands there twice") for place in found.twice],
+    )
+
+
+def _read(path: Path) -> bytes:
+    fix = f"Make one with: exumi rig init {path}"
+    try:
+        found = path.stat()
+        # Reading a device or a pipe could wait for ever, or never end.
+        if not stat.S_ISREG(found.st_mode):
+            raise UsageError("is no file", where=path, fix="Name a rig file, or say: simulated.")
+        if found.st_size > _MOST_BYTES:
+            raise UsageError(f"{found.st_size:,} bytes are too many for a rig file", where=path)
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        missing = isinstance(error, FileNotFoundError)
+        raise UsageError(
+            f"the rig file cannot be read ({why})", where=path, fix=fix if missing else None
+        ) from None
 
 
 def _toml(text: str, path: Path) -> Any:
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise UsageError(f"not TOML: {error}", where=path) from None
 
 
-def _from_yaml(text: str, path: Path) -> Any:
-    try:
-        import yaml
-    except ImportError:
-        raise MissingExtraError(
-            "YAML cannot be read",
-            where=path,
-            fix='Install it with: pip install "exumi-data[record]", or write TOML.',
-        ) from None
-    try:
-        return yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError) as error:
-        raise UsageError(f"not YAML: {' '.join(str(error).split())}", where=path) from None
-
-
-def parse_rig(document: Any, *, path: Path | None = None, text: str = "") -> Rig:
+def parse_rig(
+    document: Any,
+    *,
+    path: Path | None = None,
+    line_of: LineOf = lambda _: None,
+    mistakes: Sequence[tuple[Place, str]] = (),
+) -> Rig:
     """Check what a rig file says.
 
     Parameters
@@ -99,15 +110,17 @@ def parse_rig(document: Any, *, path: Path | None = None, text: str = "") -> Rig
         As TOML or YAML gives it.
     path : pathlib.Path, optional
         The file: for messages, and for the paths in it.
-    text : str, optional
-        The file's text, to name lines.
+    line_of : callable, optional
+        The line of a place in the file, where it is known.
+    mistakes : sequence of (tuple, str), optional
+        Found before: places, and what is wrong with them.
 
     Raises
     ------
     MetadataError
         Something is wrong; `problems` lists everything that is.
     """
-    mistakes: list[tuple[Place, str]] = []
+    mistakes = list(mistakes)
     if not isinstance(document, dict):
         raise UsageError("the rig file holds no tables", where=path)
     if document.get("format") != FORMAT:
@@ -127,11 +140,13 @@ def parse_rig(document: Any, *, path: Path | None = None, text: str = "") -> Rig
         for name, model in _SECTIONS.items()
         if name in document
     }
-    devices = _devices(document.get("devices"), mistakes)
-    _check_names(devices, mistakes)
-    _check_controls(sections.get("controls"), devices, mistakes)
+    tables = document.get("devices")
+    devices = _devices(tables, mistakes)
+    names = list(map(str, tables)) if isinstance(tables, dict) else []
+    _check_names(tables, mistakes)
+    _check_controls(sections.get("controls"), names, mistakes)
     if mistakes:
-        raise _report(mistakes, path, text)
+        raise _report(mistakes, path, line_of)
     return Rig(
         path=path,
         about=sections["rig"],
@@ -211,39 +226,40 @@ def _streams(value: Any, place: Place, mistakes: list[tuple[Place, str]]) -> dic
             )
         )
         return None
-    wrong = [
-        port
-        for port, name in value.items()
-        if not isinstance(name, str) or not re.fullmatch(STREAM_NAME, name)
-    ]
-    mistakes += [
-        (
-            (*place, port),
-            "a stream's name is lower-case letters, digits and _, and begins with a letter",
-        )
-        for port in wrong
-    ]
+    wrong = {port: why for port, name in value.items() if (why := _wrong_name(name))}
+    mistakes += [((*place, port), why) for port, why in wrong.items()]
     return None if wrong else dict(value)
 
 
-def _check_names(devices: Sequence[Device], mistakes: list[tuple[Place, str]]) -> None:
+def _wrong_name(name: object) -> str | None:
+    if not isinstance(name, str) or not re.fullmatch(STREAM_NAME, name):
+        return "a stream's name is lower-case letters, digits and _, and begins with a letter"
+    if name in RESERVED:
+        return f"no stream can be called {name!r}: a journal keeps something else by that name"
+    return None
+
+
+def _check_names(tables: Any, mistakes: list[tuple[Place, str]]) -> None:
+    """Find streams that two devices have, also where something else is wrong with a device."""
     taken: dict[str, str] = {}
-    for device in devices:
-        for port, name in device.streams.items():
+    for device, table in tables.items() if isinstance(tables, dict) else ():
+        streams = table.get("streams") if isinstance(table, dict) else None
+        for port, name in streams.items() if isinstance(streams, dict) else ():
+            if not isinstance(name, str):
+                continue
             if name in taken:
                 mistakes.append(
                     (
-                        ("devices", device.name, "streams", port),
+                        ("devices", device, "streams", port),
                         f"the stream {name!r} is that of device {taken[name]!r} already",
                     )
                 )
-            taken.setdefault(name, device.name)
+            taken.setdefault(name, device)
 
 
 def _check_controls(
-    controls: Controls | None, devices: Sequence[Device], mistakes: list[tuple[Place, str]]
+    controls: Controls | None, names: Sequence[str], mistakes: list[tuple[Place, str]]
 ) -> None:
-    names = [device.name for device in devices]
     for key in ("flag", "world_frame"):
         value = getattr(controls, key, None)
         if value is not None and value not in names:
@@ -255,16 +271,24 @@ def _check_controls(
             )
 
 
-def _report(mistakes: Sequence[tuple[Place, str]], path: Path | None, text: str) -> MetadataError:
+def _report(
+    mistakes: Sequence[tuple[Place, str]], path: Path | None, line_of: LineOf
+) -> MetadataError:
     problems = []
     for place, message in mistakes:
-        line = _line_of(text, place)
+        line = line_of(place)
         where = f"line {line}, " if line else ""
         problems.append(f"{where}{'.'.join(map(str, place))}: {message}")
     what = problems[0] if len(problems) == 1 else f"{len(problems)} mistakes"
     if len(problems) > 1:
         what += "".join(f"\n  {problem}" for problem in problems)
     return MetadataError(what, where=path or "the rig", problems=tuple(problems))
+
+
+def _line_in(lines: Mapping[tuple[str, ...], int], place: Place) -> int | None:
+    """Return the line of a YAML file that a place is on, or of the nearest mapping around it."""
+    words = tuple(map(str, place))
+    return next((lines[words[:n]] for n in range(len(words), 0, -1) if words[:n] in lines), None)
 
 
 def _line_of(text: str, place: Place) -> int | None:

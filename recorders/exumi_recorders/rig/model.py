@@ -5,18 +5,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from exumi_data.model.base import Identifier, StreamName
 from exumi_data.model.description import Embodiment
 from exumi_recorders.contract import DriverType
 
-__all__ = ["FORMAT", "VERSION", "About", "Controls", "Device", "Hooks", "Limits", "Rig"]
+__all__ = ["FORMAT", "VERSION", "About", "Controls", "Device", "Hooks", "Limits", "Rig", "expanded"]
 
 FORMAT: Literal["exumi-rig"] = "exumi-rig"
 VERSION = "1.0"
 
-_Command = Annotated[list[str], Field(min_length=1)]
+_Text = Annotated[str, Field(pattern=r"^[^\x00]*$")]
+_Name = Annotated[str, Field(pattern=r"^[^\x00]+$")]
+
+
+def _starts_with_a_program(words: list[str]) -> list[str]:
+    if not words[0].strip():
+        msg = "the first word names a program"
+        raise ValueError(msg)
+    return words
+
+
+_Command = Annotated[list[_Text], Field(min_length=1), AfterValidator(_starts_with_a_program)]
 
 
 class _Section(BaseModel):
@@ -32,15 +43,15 @@ class About(_Section):
     """Of the device, such as ``exumi``."""
     licence: Identifier
     """SPDX expression of what is recorded; ``NOASSERTION`` when that is not decided."""
-    serial: str | None = None
-    hub: str | None = None
+    serial: _Text | None = None
+    hub: _Text | None = None
     """The computer that records, such as ``orange-pi-5``."""
-    site: str | None = None
-    operator: str | None = None
+    site: _Text | None = None
+    operator: _Text | None = None
     """A pseudonym."""
-    data: str | None = None
+    data: _Name | None = None
     """Folder of the dataset that episodes go to, from the rig file's own folder."""
-    calibration: list[str] = []
+    calibration: list[_Name] = []
     """Calibration files, from the rig file's own folder."""
 
 
@@ -51,12 +62,17 @@ class Controls(_Section):
     """The device whose record flag does it, such as the headset's."""
     world_frame: Identifier | None = None
     """The device that has to send a world frame before an episode can start."""
+    reasons: Annotated[
+        list[Annotated[str, Field(min_length=1, max_length=200, pattern=r"\D")]],
+        Field(max_length=9),
+    ] = ["it failed", "tracking was lost", "something else was touched", "the gel slipped"]
+    """Why episodes are discarded: the keys 1 to 9 say it after a discard."""
 
 
 class Limits(_Section):
     """``[limits]``: of the disk, of an episode, and of rates."""
 
-    reserve_mb: Annotated[int, Field(ge=1)] = 64
+    reserve_mb: Annotated[int, Field(ge=1, le=1 << 20)] = 64
     """A file of this size is kept to close episodes with when the disk is full, MB."""
     least_minutes: Annotated[float, Field(ge=0)] = 2.0
     """No new episode starts with disk for less than this, minutes."""
@@ -64,7 +80,7 @@ class Limits(_Section):
     """An episode ends by itself after this, minutes."""
     least_rate: Annotated[float, Field(gt=0, le=1)] = 0.8
     """Of a stream's nominal rate: below this share, ``exumi rig check`` fails."""
-    queue_mb: Annotated[int, Field(ge=1)] = 64
+    queue_mb: Annotated[int, Field(ge=1, le=1 << 16)] = 64
     """What may wait for the disk, all streams together, MB."""
 
 
@@ -132,4 +148,17 @@ class Rig:
     def beside(self, name: str) -> Path:
         """Return a path that the rig file gives, from the file's own folder."""
         folder = Path() if self.path is None else self.path.parent
-        return folder / Path(name).expanduser()
+        return folder / expanded(name)
+
+
+def expanded(name: str) -> Path:
+    """Return a path with its ``~`` replaced by the folder of the user; one of nobody stays.
+
+    Parameters
+    ----------
+    name : str
+    """
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        return Path(name)

@@ -205,6 +205,6 @@ class _Watched:
 
 
 def _more(before: Mapping[str, int], after: Mapping[str, int]) -> dict[str, int]:
-    """Return what was counted in between; a device that was opened anew counts from 0."""
+    """Return what was counted in between; what was missed before it may have come late."""
     since = {cause: number - before.get(cause, 0) for cause, number in after.items()}
-    return {cause: after[cause] if n < 0 else n for cause, n in since.items() if n}
+    return {cause: n for cause, n in since.items() if n > 0}

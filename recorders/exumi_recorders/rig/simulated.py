@@ -127,7 +127,8 @@ def simulated_rig(settings: SimulatedSettings | None = None) -> Iterator[Simulat
     programs.append(("headset", _headset(settings, number)))
     running: list[subprocess.Popen[bytes]] = []
     try:
-        running += [_start(name, options) for name, options in programs]
+        for name, options in programs:
+            running.append(_start(name, options))  # an interrupt ends those there are
         session = _session(settings)
         SimulatedPlay(**_play(settings), epoch_ns=0).session()  # the encoder's, while they start
         _wait_for_ready(running)
@@ -141,11 +142,13 @@ def simulated_rig(settings: SimulatedSettings | None = None) -> Iterator[Simulat
             epoch_ns=epoch_ns,
         )
     finally:
-        for process in running:
-            process.kill()
-        for process in running:
-            process.communicate()
-        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            for process in running:
+                process.kill()
+            for process in running:
+                process.communicate()
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _session(settings: SimulatedSettings) -> PlaySession:

@@ -1,5 +1,6 @@
 """``exumi rig init``: rig files to begin with, and the devices that are plugged in."""
 
+import os
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -87,7 +88,7 @@ def write_template(name: str, path: Path, *, force: bool = False) -> Path:
     text = template(name)
     if path.suffix != _SUFFIX:
         raise UsageError("a rig file of this kind is TOML", where=path, fix=f"Name it *{_SUFFIX}.")
-    if path.is_dir() or (path.exists() and not force):
+    if path.is_dir() or (os.path.lexists(path) and not force):
         raise UsageError(
             "it is there already", where=path, fix="Name another file, or say --force."
         )

@@ -99,8 +99,9 @@ class Finisher:
                 self._on_done(done)
 
     def _finish(self, journal: Path) -> Finished:
-        command = [sys.executable, "-m", "exumi_data.cli", "recover", str(journal)]
-        command += ["--format", "json", "--quiet"]
+        command = [sys.executable, "-m", "exumi_data.cli", "recover"]
+        # Two dashes: a dataset's name may begin with one.
+        command += ["--format", "json", "--quiet", "--", str(journal)]
         nice = shutil.which("nice")
         if nice:
             command = [nice, "-n", _NICE, *command]

@@ -1,19 +1,42 @@
 """Beeps and LEDs: programs that are started when something happens, and never waited for."""
 
+import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 
 from exumi_recorders.rig.model import Hooks
+from exumi_recorders.session import beep
 
-__all__ = ["Hook", "HookRunner"]
+__all__ = ["Hook", "HookRunner", "missing_program"]
 
 Hook = str
 """``ready``, ``start``, ``stop``, ``discard`` or ``problem``."""
 
+_BEEP = "exumi_recorders.session.beep"
 _MOST_RUNNING = 8
 _LAST_MOMENT_S = 2.0
+
+
+def missing_program(command: Sequence[str]) -> str | None:
+    """Return the program that a hook needs and that is not there; None where all is there.
+
+    Parameters
+    ----------
+    command : sequence of str
+        As the rig file has it.
+    """
+    program = beep.PLAYER[0] if command[0] == beep.NAME else command[0]
+    return None if shutil.which(program) else program
+
+
+def _started(command: Sequence[str]) -> list[str]:
+    """Return what is started for a hook: our own beep by the Python that runs already."""
+    if command[0] == beep.NAME:
+        return [sys.executable, "-m", _BEEP, *command[1:]]
+    return list(command)
 
 
 class HookRunner:
@@ -43,7 +66,7 @@ class HookRunner:
         try:
             # A list of words from the operator's own file: there is no shell to trick.
             process = subprocess.Popen(  # noqa: S603
-                list(command),
+                _started(command),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,

@@ -22,6 +22,8 @@ KEYS = {
     "q": "quit",
 }
 """What each key wants."""
+_REASONS = "123456789"
+"""Each says why the last episode was discarded."""
 HELP = "space start/stop · g good · b bad · d discard · u undo · r reference · q quit"
 
 _LOOK_S = 0.2
@@ -30,7 +32,7 @@ _ESCAPE = 0x1B
 
 
 @contextlib.contextmanager
-def read_keys(on_key: Callable[[str], None], stream: IO[str] | None = None) -> Iterator[bool]:
+def read_keys(on_key: Callable[[str, str], None], stream: IO[str] | None = None) -> Iterator[bool]:
     """Listen to keys while the block runs; the terminal is as before afterwards.
 
     Ctrl-C still interrupts. Ctrl-Z and Ctrl-S do nothing: they would stop the recording, or the
@@ -39,7 +41,7 @@ def read_keys(on_key: Callable[[str], None], stream: IO[str] | None = None) -> I
     Parameters
     ----------
     on_key : callable
-        Told of what a key wants, in a thread of its own.
+        Told of what a key wants, and of the number of a reason, in a thread of its own.
     stream : file, optional
         Default: stdin.
 
@@ -65,7 +67,9 @@ def read_keys(on_key: Callable[[str], None], stream: IO[str] | None = None) -> I
             return  # an arrow key or the like: its letters are not what was meant
         for key in typed.decode("ascii", errors="replace").lower():
             if key in KEYS:
-                on_key(KEYS[key])
+                on_key(KEYS[key], "")
+            elif key in _REASONS:
+                on_key("reason", key)
 
     try:
         termios.tcsetattr(descriptor, termios.TCSANOW, _one_key_at_a_time(before))

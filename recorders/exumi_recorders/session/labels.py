@@ -1,6 +1,7 @@
 """What is touched, said while it is recorded: object, part, procedure, pad; trials are counted."""
 
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -39,7 +40,9 @@ class TouchLabels:
         for name in ("object", "part"):
             text = getattr(self, name)
             if text is not None and not _slug(text):
-                raise UsageError(f"--{name} {text!r} has no letter or digit", fix="Name it.")
+                raise UsageError(
+                    f"--{name} {text!r} has no letter or digit", fix="Name it by a word."
+                )
 
     def annotations(self, trial: int) -> Annotations | None:
         """Return the annotations of an episode; None when nothing was said.
@@ -66,7 +69,10 @@ class TouchLabels:
 
 
 def _slug(text: str | None) -> str:
-    return re.sub(r"[^a-z0-9.]+", "-", (text or "").casefold()).strip("-")
+    """Return an id: letters and digits of any script, and dots, in small letters; else dashes."""
+    plain = unicodedata.normalize("NFKC", text or "").casefold()
+    kept = (c if c == "." or unicodedata.category(c)[0] in "LMN" else "-" for c in plain)
+    return re.sub("-+", "-", "".join(kept)).strip("-")
 
 
 class TrialCounter:

@@ -1,5 +1,6 @@
 """What is said between a session and the one who runs it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
@@ -18,7 +19,16 @@ __all__ = [
 ]
 
 CommandName = Literal[
-    "start", "stop", "toggle", "discard", "undo", "success", "failure", "reference", "quit"
+    "start",
+    "stop",
+    "toggle",
+    "discard",
+    "reason",
+    "undo",
+    "success",
+    "failure",
+    "reference",
+    "quit",
 ]
 COMMANDS: tuple[CommandName, ...] = get_args(CommandName)
 """All of them."""
@@ -32,10 +42,10 @@ class Command:
     Attributes
     ----------
     name : str
-        ``start``, ``stop``, ``toggle``, ``discard``, ``undo``, ``success``, ``failure``,
-        ``reference``, ``quit``.
+        ``start``, ``stop``, ``toggle``, ``discard``, ``reason``, ``undo``, ``success``,
+        ``failure``, ``reference``, ``quit``.
     reason : str
-        Of a discard.
+        Of a discard; for ``reason``, also the number of one of the rig file's.
     """
 
     name: CommandName
@@ -78,6 +88,8 @@ class SessionStatus:
         For which there is room.
     next_trial : int or None
         Of a touch that is labelled.
+    widths_m : mapping of str to float
+        How wide grippers are now, by stream, where that is known.
     """
 
     state: State
@@ -88,6 +100,7 @@ class SessionStatus:
     undecided: bool
     disk_minutes: float
     next_trial: int | None
+    widths_m: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(slots=True)

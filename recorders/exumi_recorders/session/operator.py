@@ -11,7 +11,6 @@ import threading
 import time
 from collections import deque
 from contextlib import ExitStack, closing, suppress
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from exumi_recorders.session.keys import read_keys, read_lines
@@ -76,12 +75,7 @@ class Operator:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._ending.set()
         self._wake.set()
         self._thread.join(_LAST_WORDS_S)
@@ -94,11 +88,13 @@ class Operator:
         ----------
         session : Session
         sync_age_s : float, optional
-            Age of the latency calibration.
+            Age of the latency calibration by now.
         preview : str, optional
             Where the preview is.
         """
-        self._writer.sync_age_s, self._writer.preview = sync_age_s, preview
+        self._writer.preview = preview
+        if sync_age_s is not None:
+            self._writer.synced_at = time.monotonic() - sync_age_s
 
         def want(name: str, reason: str = "") -> None:
             if name in COMMANDS:
@@ -114,6 +110,11 @@ class Operator:
             self._writer.is_live = self._writer.has_keys
         else:
             self._writer.is_live = True
+
+    @property
+    def sync_age_s(self) -> float | None:
+        """How old the latency calibration is by now, seconds; None where there is none."""
+        return self._writer.sync_age_s
 
     def tell(self, message: Message) -> None:
         """Say what happened; for any thread.
@@ -175,11 +176,16 @@ class _Writer:
     name = "stderr"
 
     def __init__(self) -> None:
-        self.sync_age_s: float | None = None
+        self.synced_at: float | None = None
         self.preview: str | None = None
         self.has_keys = False
         self.is_live = False
         self._is_own = False
+
+    @property
+    def sync_age_s(self) -> float | None:
+        """How old the latency calibration is by now, seconds."""
+        return None if self.synced_at is None else time.monotonic() - self.synced_at
 
     def _own_file(self) -> TextIO:
         shared: TextIO = getattr(sys, self.name)
@@ -283,7 +289,15 @@ class _TerminalWriter(_Writer):
             )
             self._live.start()
         sync = age_text(self.sync_age_s)
-        drawn = draw_status(status, sync=sync, preview=self.preview, keys=self.has_keys)
+        width, height = self._console.size
+        drawn = draw_status(
+            status,
+            sync=sync,
+            preview=self.preview,
+            keys=self.has_keys,
+            width=width,
+            height=height,
+        )
         self._live.update(drawn, refresh=True)
 
     def finish(self) -> None:

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+from pydantic import ValidationError
 
 from exumi_data._version import __version__
+from exumi_data.errors import UsageError
 from exumi_data.model import (
     Annotations,
     CalibrationItem,
@@ -21,7 +23,7 @@ from exumi_data.model import (
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.session.labels import TouchLabels
 
-__all__ = ["Calibrated", "Plan", "Regime", "episode_document", "new_episode_id"]
+__all__ = ["Calibrated", "Plan", "Regime", "check_plan", "episode_document", "new_episode_id"]
 
 Regime = Literal["demonstration", "play", "touch"]
 
@@ -85,6 +87,67 @@ class Plan:
     licence: str | None = None
     is_simulated: bool = False
     uncalibrated: bool = False
+
+
+def check_plan(plan: Plan) -> None:
+    """Refuse what an episode could not say, before anything is opened.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Raises
+    ------
+    UsageError
+        Names all options that are wrong.
+    """
+    texts = {
+        "instruction": plan.instruction,
+        "operator": plan.operator,
+        "site": plan.site,
+    }
+    wrong = [f"--{name} is no text in UTF-8" for name, text in texts.items() if not _is_text(text)]
+    for make in (
+        lambda: Task(**_given({"name": plan.task, "instruction": plan.instruction})),
+        lambda: plan.labels.annotations(1),
+        lambda: _about(plan),
+    ):
+        try:
+            make()
+        except ValidationError as error:
+            wrong += [_said(item) for item in error.errors()]
+    if wrong:
+        raise UsageError("; ".join(dict.fromkeys(wrong)), fix="Say something shorter, or simpler.")
+
+
+def _is_text(text: str | None) -> bool:
+    """Whether it can be written: what was typed in another encoding cannot."""
+    try:
+        (text or "").encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _about(plan: Plan) -> EpisodeMetadata:
+    return EpisodeMetadata(
+        id="00000000-0000-7000-8000-000000000000",
+        task=Task(name="task"),
+        regime=plan.regime,
+        licence="NOASSERTION" if plan.licence is None else plan.licence,
+        source=Source(type="recorded", tool=_TOOL, tool_version=__version__),
+        **_given({"operator": plan.operator, "site": plan.site}),
+    )
+
+
+def _said(item: Mapping[str, Any]) -> str:
+    field = str(item["loc"][0])
+    option = "--" + {"name": "task"}.get(field, field.removesuffix("_id"))
+    if item["type"] == "string_pattern_mismatch":
+        return f"{option} has to be one line of 1 to 255 characters, without blanks at its ends"
+    if item["type"] == "string_unicode":
+        return f"{option} is no text in UTF-8"
+    return f"{option}: {item['msg']}"
 
 
 def new_episode_id() -> str:

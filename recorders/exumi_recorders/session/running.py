@@ -1,13 +1,15 @@
 """Putting a session together: rig, calibration, dataset, recorder, preview."""
 
 import contextlib
+import os
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from exumi_data._version import __version__
-from exumi_data.dataset import create_dataset, open_dataset
+from exumi_data.calibration_items import moment_of
+from exumi_data.dataset import DATASET_DOCUMENT, create_dataset, open_dataset
 from exumi_data.errors import UsageError
 from exumi_data.model import Annotations, DatasetMetadata, MadeBy
 from exumi_recorders.journal.space import SpaceLimits
@@ -16,12 +18,12 @@ from exumi_recorders.recording.recorder import LATENCY, Recorder
 from exumi_recorders.rig.calibrations import read_calibrations
 from exumi_recorders.rig.devices import recorded_devices
 from exumi_recorders.rig.loading import load_rig
-from exumi_recorders.rig.model import Rig
+from exumi_recorders.rig.model import Rig, expanded
 from exumi_recorders.rig.simulated import NAME, SimulatedSettings, simulated_rig
 from exumi_recorders.session.labels import TrialCounter
 from exumi_recorders.session.messages import Message
 from exumi_recorders.session.operator import Operator
-from exumi_recorders.session.plan import Calibrated, Plan
+from exumi_recorders.session.plan import Calibrated, Plan, check_plan
 from exumi_recorders.session.preview import Preview
 from exumi_recorders.session.readiness import check_calibration
 from exumi_recorders.session.session import Session
@@ -45,7 +47,7 @@ def open_rig(
     simulated : SimulatedSettings, optional
     """
     if name != NAME:
-        rig = load_rig(Path(name).expanduser())
+        rig = load_rig(expanded(name))
         yield rig, read_calibrations(rig)
         return
     with simulated_rig(simulated) as started:
@@ -98,6 +100,7 @@ def open_session(
     DeviceError
         A device cannot be opened.
     """
+    check_plan(plan)
     settings = SimulatedSettings(seed=seed, seconds=_simulated_seconds(plan))
     if name == NAME:
         plan = replace(plan, is_simulated=True)
@@ -192,15 +195,29 @@ def _dataset_of(rig: Rig, out: Path | None, plan: Plan) -> Path:
             fix="Name a dataset with --out, or as `data` in the rig file's section [rig].",
         )
     root = out if out is not None else rig.beside(str(rig.about.data))
-    name = root.resolve().name or "recordings"
+    place = Path(os.path.realpath(root))
+    if not (root / DATASET_DOCUMENT).exists():
+        for parent in place.parents:
+            if (parent / DATASET_DOCUMENT).exists():
+                raise UsageError(
+                    f"lies in the dataset {parent}",
+                    where=root,
+                    fix="Name that one, or a folder beside it.",
+                )
     return create_dataset(
         root,
         DatasetMetadata(
-            name=name,
+            name=_name_of(place),
             licence=plan.licence or rig.about.licence,
             made_by=MadeBy(tool="exumi record", tool_version=__version__),
         ),
     )
+
+
+def _name_of(folder: Path) -> str:
+    """Return a dataset's name: its folder's, on one line, without what is no letter."""
+    shown = "".join(c if c.isprintable() else " " for c in folder.name)
+    return " ".join(shown.split())[:255].rstrip() or "recordings"
 
 
 def _earlier(dataset: Path) -> Iterator[Annotations]:
@@ -214,15 +231,15 @@ def _earlier(dataset: Path) -> Iterator[Annotations]:
 
 
 def sync_age_s(calibrated: Calibrated) -> float | None:
-    """Return how old the newest latency calibration is, seconds; None where there is none.
+    """Return how old the oldest latency calibration is, seconds; None where there is none.
 
     Parameters
     ----------
     calibrated : Calibrated
     """
     times = [
-        datetime.fromisoformat(item.time)
+        moment
         for name, item in calibrated.items.items()
-        if name.startswith(LATENCY) and item.time is not None
+        if name.startswith(LATENCY) and (moment := moment_of(item)) is not None
     ]
-    return (datetime.now(UTC) - max(times)).total_seconds() if times else None
+    return (datetime.now(UTC) - min(times)).total_seconds() if times else None

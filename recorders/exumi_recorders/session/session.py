@@ -27,6 +27,7 @@ from exumi_recorders.rig.model import Rig
 from exumi_recorders.session.finishing import Finished, Finisher
 from exumi_recorders.session.hooks import HookRunner
 from exumi_recorders.session.labels import TrialCounter
+from exumi_recorders.session.live_widths import LiveWidths
 from exumi_recorders.session.messages import (
     Command,
     CommandName,
@@ -99,7 +100,7 @@ class Session:
         self._finished: queue.SimpleQueue[Finished] = queue.SimpleQueue()
         self._finisher = Finisher(self._finished.put)
         self._report = SessionReport()
-        self._queued: list[Path] = []
+        self._begun: list[Path] = []
         self._state: State = "waiting"
         self._began = 0.0
         self._said: Annotations | None = None
@@ -115,6 +116,7 @@ class Session:
         self._world_device = rig.controls.world_frame
         self._has_world = False
         self._reference = ReferenceTaker((), recorder.latest_frame)
+        self._widths = LiveWidths((), {})
 
     def command(self, name: CommandName, reason: str = "") -> None:
         """Want something; for any thread and for signal handlers.
@@ -139,6 +141,11 @@ class Session:
         elif event.name == "world_frame" and device == self._world_device:
             self._has_world = True
 
+    @property
+    def report(self) -> SessionReport:
+        """What the session made so far; whole once `run` has ended, however it did."""
+        return self._report
+
     # --------------------------------------------------------------------------------- the session
 
     def run(self) -> SessionReport:
@@ -155,6 +162,7 @@ class Session:
         """
         self._opened = time.monotonic()
         self._hook("ready")
+        self._widths = LiveWidths(self._recorder.streams.values(), self._calibrated.items)
         self._reference = ReferenceTaker(
             self._recorder.streams.values(), self._recorder.latest_frame
         )
@@ -180,8 +188,16 @@ class Session:
             self._finisher.give_up()
             raise
         finally:
-            self._end()
+            try:
+                self._end()
+            finally:
+                self._report.left = self._unfinished()
         return self._report
+
+    def _unfinished(self) -> list[Path]:
+        """Return the journals that are still to become episodes."""
+        done = {one.journal for one in self._report.finished} | set(self._report.discarded)
+        return [path for path in self._begun if path not in done and path.exists()]
 
     def _end(self) -> None:
         """Stop what is being recorded, and finish everything."""
@@ -199,8 +215,6 @@ class Session:
             raise
         finally:
             self._collect()
-            done = {one.journal for one in self._report.finished}
-            self._report.left = [path for path in self._queued if path not in done]
             self._hooks.close()
 
     def _obey(self) -> None:
@@ -218,6 +232,8 @@ class Session:
                 self._stop("")
             elif name == "discard":
                 self._discard(command.reason)
+            elif name == "reason":
+                self._give_reason(command.reason)
             elif name == "undo":
                 self._undo()
             elif name in {"success", "failure"}:
@@ -275,8 +291,10 @@ class Session:
             if self._lacks_world is not None:
                 raise UsageError(self._lacks_world)
             self._check_room()
-            self._recorder.start(self._dataset, document, arrays=self._calibrated.arrays)
-        except (ExumiError, OSError) as error:
+            self._begun.append(
+                self._recorder.start(self._dataset, document, arrays=self._calibrated.arrays)
+            )
+        except (ExumiError, OSError, ValueError) as error:  # what the calibration says, at worst
             text = f"not recording: {error}"
             self._tell(Message("error", "not_started", text))
             self._hook("problem")
@@ -314,7 +332,7 @@ class Session:
         recorded = self._recorder.stop()
         self._state = "waiting"
         # Episodes that begin by themselves do not wait for the operator's second thoughts.
-        undo_s = self._plan.pause_s if self._plan.auto else _UNDO_S
+        undo_s = min(self._plan.pause_s, _UNDO_S) if self._plan.auto else _UNDO_S
         self._stopped = _Stopped(recorded, self._said, time.monotonic() + undo_s)
         if self._plan.auto:
             self._next_auto = time.monotonic() + self._plan.pause_s
@@ -338,7 +356,6 @@ class Session:
             return
         self._kept += 1
         self._trials.add(stopped.said)
-        self._queued.append(stopped.recorded.journal)
         self._finisher.put(stopped.recorded.journal)
 
     def _discard(self, reason: str) -> None:
@@ -357,10 +374,28 @@ class Session:
         stopped.is_discarded, stopped.until = True, time.monotonic() + _UNDO_S
         self._report.discarded.append(journal)
         self._hook("discard")
-        said = f" ({reason})" if reason else ""
-        self._tell(
-            Message("info", "discarded", f"discarded{said}; undo takes it back", journal.stem)
-        )
+        text = f"discarded ({reason})" if reason else f"discarded; {self._reasons()}"
+        self._tell(Message("info", "discarded", f"{text}; undo takes it back", journal.stem))
+
+    def _reasons(self) -> str:
+        named = enumerate(self._rig.controls.reasons, start=1)
+        return "why: " + ", ".join(f"{number} {text}" for number, text in named)
+
+    def _give_reason(self, said: str) -> None:
+        """Say why the last episode was discarded: in words, or by the number of a known reason."""
+        stopped, reasons = self._stopped, self._rig.controls.reasons
+        if said.isdecimal():
+            said = reasons[int(said) - 1] if 0 < int(said) <= len(reasons) else ""
+        if stopped is None or not stopped.is_discarded or not said:
+            text = "there is nothing to give that reason for: discard first"
+            self._tell(Message("warning", "nothing", text))
+            return
+        try:
+            discard(stopped.recorded.journal, said)
+        except ExumiError as error:
+            self._tell(Message("error", "not_discarded", str(error)))
+            return
+        self._tell(Message("info", "reason", f"because: {said}", stopped.recorded.journal.stem))
 
     def _undo(self) -> None:
         stopped = self._stopped
@@ -447,6 +482,7 @@ class Session:
             undecided=undecided,
             disk_minutes=self._room_left() / 60,
             next_trial=trial if labelled else None,
+            widths_m=self._widths.of(recording),
         )
 
     def _hook(self, name: str) -> None:

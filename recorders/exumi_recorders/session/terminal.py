@@ -1,5 +1,12 @@
-"""What the operator sees: a table of all streams, the state, and what has to be mended."""
+"""What the operator sees: a table of all streams, the state, and what has to be mended.
 
+Whatever the size of the terminal: what does not fit is left out, the least important first, so that
+state and problems are always in sight.
+"""
+
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from exumi_recorders.recording.status import DeviceStatus, StreamStatus
@@ -8,15 +15,26 @@ from exumi_recorders.session.messages import SessionStatus
 
 if TYPE_CHECKING:
     from rich.console import Group
+    from rich.table import Table
 
 __all__ = ["draw_status", "status_document"]
 
 _SHOWN = ("magnet", "agc", "dialect", "from_headset_m", "world_frame")
 _OLD_S = 0.5
+_GAP = 2
+_COLUMNS = ("stream", "Hz", "jitter ms", "age ms", "queue KB", "samples", "lost")
+_BY_IMPORTANCE = ("stream", "Hz", "age ms", "lost", "jitter ms", "samples", "queue KB")
+_MOST_LINES_OF_A_PROBLEM = 2
 
 
 def draw_status(
-    status: SessionStatus, *, sync: str, preview: str | None, keys: bool = True
+    status: SessionStatus,
+    *,
+    sync: str,
+    preview: str | None,
+    keys: bool = True,
+    width: int = 100,
+    height: int | None = None,
 ) -> "Group":
     """Return the picture of a session for a terminal.
 
@@ -29,29 +47,67 @@ def draw_status(
         Where the preview is.
     keys : bool
         Say what the keys do.
+    width : int
+        Columns of the terminal.
+    height : int, optional
+        Lines that there are; as many as are needed where it is not said.
     """
     from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for title in ("stream", "Hz", "jitter ms", "age ms", "queue KB", "samples", "lost"):
-        table.add_column(title, justify="left" if title == "stream" else "right")
-    for stream in status.recording.streams:
-        table.add_row(*_row(stream))
-    lines: list[Any] = [_headline(status), table]
-    readings = [text for text in map(_readings, status.recording.devices) if text]
-    if readings:
-        lines.append(Text("   ".join(readings), style="dim"))
-    lines += [
-        Text(f"! {one.where + ': ' if one.where else ''}{one.text}", style="bold yellow")
-        for one in status.recording.problems
-    ]
+    room = 10_000 if height is None else max(height - 1, 1)
+    problems = [line for one in status.recording.problems for line in _problem(one, width)]
+    problems = problems[: max(1, room // 2)]
     foot = f"disk {_minutes(status.disk_minutes)} · sync {sync}"
-    if preview:
-        foot += f" · {preview}"
-    lines.append(Text(f"{foot}\n{HELP}" if keys else foot, style="dim"))
-    return Group(*lines)
+    below = [foot + (f" · {preview}" if preview else "")]
+    below += _wrapped(_readings(status), width)
+    below += _wrapped(HELP, width) if keys else []
+    rows = [_row(stream) for stream in status.recording.streams]
+    room -= 1 + len(problems)
+    below = below[: max(0, room - len(rows) - 1)]
+    room -= len(below) + 1
+    parts: list[Any] = [_headline(status)]
+    parts += [Text(line, style="bold yellow") for line in problems]
+    if room > 0 and rows:
+        parts.append(_table(rows[:room], width))
+    parts += [Text(line, style="dim") for line in below]
+    for part in parts:
+        if isinstance(part, Text):
+            part.no_wrap, part.overflow = True, "ellipsis"
+    return Group(*parts)
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    return textwrap.wrap(text, max(width, 20))
+
+
+def _problem(one: Any, width: int) -> list[str]:
+    lines = _wrapped(f"! {one.where + ': ' if one.where else ''}{one.text}", width)
+    if len(lines) > _MOST_LINES_OF_A_PROBLEM:
+        lines = [*lines[: _MOST_LINES_OF_A_PROBLEM - 1], f"{lines[1]} ..."]
+    return lines
+
+
+def _table(rows: Sequence[Sequence[Any]], width: int) -> "Table":
+    """Return a table with the columns that there is room for, a line a row."""
+    from rich.table import Table
+
+    needed = {
+        title: max(len(title), *(len(row[at]) for row in rows)) + _GAP
+        for at, title in enumerate(_COLUMNS)
+    }
+    shown: set[str] = set()
+    for title in _BY_IMPORTANCE:
+        if sum(needed[each] for each in shown | {title}) - _GAP <= width:
+            shown.add(title)
+    table = Table(box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="dim")
+    for title in _COLUMNS:
+        if title in shown:
+            table.add_column(title, justify="left" if title == "stream" else "right", no_wrap=True)
+    for row in rows:
+        named = zip(_COLUMNS, row, strict=True)
+        table.add_row(*(cell for title, cell in named if title in shown))
+    return table
 
 
 def _headline(status: SessionStatus) -> Any:
@@ -93,10 +149,22 @@ def _row(stream: StreamStatus) -> list[Any]:
     ]
 
 
-def _readings(device: DeviceStatus) -> str:
+def _readings(status: SessionStatus) -> str:
+    """Say what devices tell of themselves, and how wide grippers are."""
+    widths = {
+        stream.device: status.widths_m[stream.name]
+        for stream in status.recording.streams
+        if stream.name in status.widths_m
+    }
+    said = [_of_device(one, widths.get(one.name)) for one in status.recording.devices]
+    return "   ".join(text for text in said if text)
+
+
+def _of_device(device: DeviceStatus, width_m: float | None) -> str:
     if not device.connected:
         return f"{device.name}: not connected"
     shown = [f"{name} {device.readings[name]}" for name in _SHOWN if name in device.readings]
+    shown += [] if width_m is None else [f"width {1e3 * width_m:.1f} mm"]
     return f"{device.name}: {', '.join(shown)}" if shown else ""
 
 
@@ -128,9 +196,12 @@ def status_document(status: SessionStatus, *, sync_age_s: float | None) -> dict[
         "disk_minutes": round(status.disk_minutes, 1),
         "sync_age_s": None if sync_age_s is None else round(sync_age_s),
         "pressure": round(recording.pressure, 3),
-        "streams": [_stream_document(stream) for stream in recording.streams],
+        "streams": [
+            _stream_document(stream, status.widths_m.get(stream.name))
+            for stream in recording.streams
+        ],
         "devices": [
-            {"name": one.name, "connected": one.connected, "readings": dict(one.readings)}
+            {"name": one.name, "connected": one.connected, "readings": _plain(one.readings)}
             for one in recording.devices
         ],
         "problems": [
@@ -139,7 +210,16 @@ def status_document(status: SessionStatus, *, sync_age_s: float | None) -> dict[
     }
 
 
-def _stream_document(stream: StreamStatus) -> dict[str, Any]:
+def _plain(readings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return readings as JSON has them: what a driver says wrongly must not end the stream."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in readings.items()
+    }
+
+
+def _stream_document(stream: StreamStatus, width_m: float | None) -> dict[str, Any]:
+    width = {} if width_m is None else {"width_m": round(width_m, 5)}
     return {
         "name": stream.name,
         "device": stream.device,
@@ -152,6 +232,7 @@ def _stream_document(stream: StreamStatus) -> dict[str, Any]:
         "lost": dict(stream.lost),
         "queue_bytes": stream.queue_bytes,
         "queue_age_s": round(stream.queue_age_s, 4),
+        **width,
     }
 
 

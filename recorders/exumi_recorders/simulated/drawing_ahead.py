@@ -1,7 +1,6 @@
 """Pictures drawn before they are due, so that a busy moment costs no frame."""
 
 import threading
-from types import TracebackType
 from typing import Self
 
 from exumi_recorders.simulated.pictures import Pictures
@@ -35,12 +34,7 @@ class DrawnAhead:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with self._changed:
             self._ended = True
             self._changed.notify_all()

@@ -4,6 +4,7 @@ Frame k begins at ``epoch + phase + k · period``; its stamp lies `stamp_delay_n
 later, cut to microseconds; it is handed out `hand_out_delay_ns` after the stamp.
 """
 
+from abc import abstractmethod
 from fractions import Fraction
 from typing import Literal
 
@@ -58,19 +59,19 @@ class FramedSetup(BaseModel):
     buffers: int = Field(default=4, ge=1)
 
     @property
+    @abstractmethod
     def period(self) -> Fraction:
         """Nanoseconds from one frame to the next."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def stamp_delay_ns(self) -> int:
         """From the start of a frame to its stamp, without jitter."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def hand_out_delay_ns(self) -> int:
         """From the stamp until the frame is handed out."""
-        raise NotImplementedError
 
     def start_ns(self, k: int) -> int:
         """Return when frame `k` begins, CLOCK_MONOTONIC."""

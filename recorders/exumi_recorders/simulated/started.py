@@ -7,11 +7,13 @@ session begins (CLOCK_MONOTONIC, nanoseconds). The device ends with its stdin: w
 started it, however that ends.
 """
 
+import json
 import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 from exumi_recorders.simulated.camera_setup import CameraSetup
 from exumi_recorders.simulated.drawing_ahead import DrawnAhead
@@ -52,21 +54,40 @@ def _headset(options: str) -> Iterator[Begin]:
 _DEVICES = {"camera": _camera, "headset": _headset}
 
 
-def _end_with_stdin() -> None:
+def _end_with_stdin(options: str) -> None:
     sys.stdin.buffer.read()
+    _tidy(options)
     os._exit(0)
+
+
+def _tidy(options: str) -> None:
+    """Remove the camera's socket, and with the last one its folder: nobody else is left for that.
+
+    Parameters
+    ----------
+    options : str
+    """
+    place = json.loads(options).get("socket")
+    if place is not None:
+        with suppress(OSError):
+            Path(place).unlink(missing_ok=True)
+            Path(place).parent.rmdir()
 
 
 def main() -> None:
     """Be the device that the command line names."""
     name, options = sys.argv[1:]
-    with _DEVICES[name](options) as begin:
-        sys.stdout.buffer.write(READY)
-        sys.stdout.buffer.flush()
-        said = sys.stdin.buffer.readline()
-        if said:
-            threading.Thread(target=_end_with_stdin, name="lifeline", daemon=True).start()
-            begin(int(said))
+    try:
+        with _DEVICES[name](options) as begin:
+            sys.stdout.buffer.write(READY)
+            sys.stdout.buffer.flush()
+            said = sys.stdin.buffer.readline()
+            if said:
+                lifeline = threading.Thread(target=_end_with_stdin, args=(options,), daemon=True)
+                lifeline.start()
+                begin(int(said))
+    finally:
+        _tidy(options)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from exumi_data.episode import Episode, open_episode
+from exumi_data.episode import open_episode
 from exumi_data.errors import ExumiError
 from exumi_data.model import EpisodeMetadata
 from exumi_data.model.documents import dump
@@ -35,19 +35,6 @@ def changed(metadata: EpisodeMetadata, changes: list[dict[str, Any]]) -> Episode
     return later
 
 
-def carry_derived(episode: Episode, writer: EpisodeWriter) -> None:
-    """Take over the derived arrays, which a change of the metadata does not concern."""
-    if episode.derived is None:
-        return
-    writer.derived = episode.derived.model_copy(deep=True)
-    for key, item in episode.derived.items.items():
-        stream, _, name = key.partition("/")
-        values = episode.derived_array(key)
-        if values is not None:
-            fields = {name: getattr(item, name) for name in ("algorithm", "parameters", "inputs")}
-            writer.add_derived(stream, name, values, **fields, **(item.model_extra or {}))
-
-
 def edit(source: Path, changes: list[dict[str, Any]], target: Path) -> None:
     """Write an episode anew, with its metadata changed."""
     with open_episode(source) as episode:
@@ -57,7 +44,7 @@ def edit(source: Path, changes: list[dict[str, Any]], target: Path) -> None:
             for name in episode.streams:
                 writer.copy_stream(episode, name)
             writer.copy_group(episode, "calibration")
-            carry_derived(episode, writer)
+            writer.copy_derived(episode)
 
 
 def main() -> int:

@@ -52,6 +52,9 @@ def _map_cases() -> Iterator[Case]:
     about = "A map of more counts than widths."
     yield case("CAL-005__one_too_many", about, spoiled([3900, 4096, 4400, 4500]), at)
 
+    about = "A map over more counts than a turn has, of counts that wrap."
+    yield case("CAL-005__beyond_a_turn", about, spoiled([3900, 6000, 8100]), at)
+
     def followed(name: str, about: str, widths: list[float], index: int) -> Case:
         draft = bases.mapped()
         draft.put("streams/width/data", np.array(widths, dtype=np.float32))

@@ -129,6 +129,18 @@ def out_of_range_flagged() -> Draft:
     return draft
 
 
+def several_turns() -> Draft:
+    """Return an episode of an encoder that turns more than once; its counts fall with the width."""
+    draft = bases.mapped()
+    points = {"raw": [-5000, -2000, 400], "data": [0.08, 0.03, 0.0]}
+    draft.metadata["calibration"]["encoder"]["value"] = {"raw_to_data": points}
+    del draft.metadata["streams"]["width"]["raw"]["modulus"]
+    counts = np.array([400, -800, -2000, -3500], dtype=np.int32)
+    draft.put("streams/width/raw", counts)
+    draft.put("streams/width/data", np.array([0.0, 0.015, 0.03, 0.055], dtype=np.float32))
+    return draft
+
+
 def still() -> Draft:
     """Return an episode of a hand that comes to rest, and stands still to the bit."""
     draft = Draft()
@@ -179,6 +191,8 @@ def valid_cases() -> Iterator[Case]:
     yield case("width__counts_and_calibration", "Encoder counts and widths.", bases.widths())
     about = "A calibration that states the map from counts to widths, over the counts' end."
     yield case("width__calibration_map", about, bases.mapped())
+    about = "A calibration over more than a turn, and counts that hold their turns."
+    yield case("width__several_turns", about, several_turns())
     yield case("width__invalid_flagged", "NaN where the device says so.", invalid_samples_flagged())
     yield case(
         "width__out_of_range_flagged",

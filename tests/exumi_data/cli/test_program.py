@@ -276,6 +276,22 @@ def test_a_signal_ends_it_cleanly(
     assert 0 < len(list(target.glob("episodes/*/*.zarr"))) < CLIPS
 
 
+def test_an_interrupt_before_anything_is_loaded(plain_environment: dict[str, str]) -> None:
+    script = (
+        "import os, signal, sys\n"
+        "class Finder:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'exumi_data.cli.app': os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Finder())\n"
+        "from exumi_data.cli import main\n"
+        "main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=plain_environment, capture_output=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, b"")
+
+
 def test_it_runs_without_standard_streams(clips: Path) -> None:
     command = f"exec {sys.executable} -m exumi_data.cli validate {clips} >&- 2>&-"
     assert subprocess.run(["bash", "-c", command], check=False).returncode == 2

@@ -173,7 +173,9 @@ def test_keys_at_a_terminal(tmp_path: Path, plain_environment: dict[str, str]) -
         run.write(" ")
         run.wait("stopped after")
         run.write("d")
-        run.wait("discarded")
+        run.wait("discarded; why: 1 it failed")
+        run.write("2")
+        run.wait("because: tracking was lost")
         run.write("u")
         run.wait("taken back")
         # All at once: record another one, discard it, and go.
@@ -271,8 +273,9 @@ def test_a_second_interrupt_leaves_the_journal(
         run.process.send_signal(signal.SIGINT)
         run.wait("finishing the last episodes")
         run.process.send_signal(signal.SIGINT)
-        run.rest()
+        said = run.rest().decode()
     assert run.process.returncode == 130
+    assert f"1 not finished: exumi recover {run.dataset}\n" in said
     assert len(list_journals(run.dataset)) == 1
     assert list_episodes(run.dataset) == []
     assert exumi("recover", run.dataset).returncode == 0

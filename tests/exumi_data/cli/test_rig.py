@@ -14,7 +14,7 @@ from exumi_recorders.calibration.files import Calibration, write_calibration
 
 Program = Callable[..., Result]
 
-RAW_TO_DATA = {"raw": [-4000, 8000], "data": [-0.5, 1.0]}
+RAW_TO_DATA = {"raw": [2000, 6000], "data": [-0.5, 1.0]}
 
 
 @pytest.fixture
@@ -50,6 +50,7 @@ def test_init_says_what_is_next_and_overwrites_nothing(exumi: Program, tmp_path:
     assert exumi("rig", "init", "tmi", path, "--force").exit_code == 0
     assert tomllib.loads(path.read_text("utf-8"))["rig"]["name"] == "octopi-tmi"
     assert exumi("rig", "init", "a", "b", "c").exit_code == 2
+    assert "exumi rig init tmi rig.toml" in exumi("rig", "init", "tmi").stderr
 
 
 def test_a_rig_is_calibrated_before_it_is_recorded_with(exumi: Program, tmp_path: Path) -> None:

@@ -273,6 +273,27 @@ def test_derived_arrays_of_third_parties_and_of_newer_versions_are_written(tmp_p
             assert list(episode.derived.items) == [key]
 
 
+def test_derived_arrays_are_taken_over_with_what_is_said_of_them(tmp_path: Path) -> None:
+    values = np.arange(4, dtype=np.float32)
+    with EpisodeWriter(tmp_path / "a.zarr", metadata()) as writer:
+        writer.add_stream("width", kind="width", clock=CLOCK)
+        writer.derived = DerivedMetadata.model_validate({"items": {}, "acme:by": "hand"})
+        said: dict[str, Any] = {"parameters": {"k": 2}, "inputs": ["streams/width/data"]}
+        said["acme:weather"] = "rain"
+        writer.add_derived("width", "acme__speed", values, algorithm="x/1", **said)
+    with open_episode(tmp_path / "a.zarr") as before:
+        with EpisodeWriter(tmp_path / "b.zarr", metadata(1)) as writer:
+            writer.copy_stream(before, "width")
+            writer.copy_derived(before)
+        with open_episode(tmp_path / "b.zarr") as after:
+            assert after.derived == before.derived
+            assert after.derived is not None
+            assert after.derived.items["width/acme__speed"].parameters == {"k": 2}
+            copied = after.derived_array("width/acme__speed")
+            assert copied is not None
+            np.testing.assert_array_equal(copied, values)
+
+
 def test_the_name_of_an_episode(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"ends in \.zarr"):
         EpisodeWriter(tmp_path / "a.zip", metadata())

@@ -429,7 +429,7 @@ def test_a_video_with_stamps_of_its_own(writer: EpisodeWriter) -> None:
     file = video_file(content, base)
     with pytest.raises(UsageError, match="where the clock names a raw_time"):
         stream.append_file(content, file, **arrays)
-    with pytest.raises(UsageError, match="4 times, 5 pts"):
+    with pytest.raises(UsageError, match="5 pts, 4 times"):
         stream.append_file(content, file, **arrays, time=host[:4])
     with pytest.raises(UsageError, match="no array raw comes"):
         stream.append_file(content, file, **arrays, time=host - 5, raw=host)

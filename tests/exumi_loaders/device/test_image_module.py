@@ -98,3 +98,8 @@ def test_files_have_to_be_decoded_first() -> None:
     files = JpegFrames(torch.zeros(0, dtype=torch.uint8), torch.zeros((1, 1, 2)).long(), (4, 4, 1))
     with pytest.raises(UsageError, match="DecodeJpeg first"):
         ToFloat()({"tactile": files})
+
+
+def test_a_module_has_to_say_what_it_does() -> None:
+    with pytest.raises(TypeError, match="_change"):
+        ImageModule()  # type: ignore[abstract]  # the point of the test

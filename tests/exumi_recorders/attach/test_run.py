@@ -8,17 +8,24 @@ from uuid import UUID
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import exumi_data
+from exumi_converters import prepare
 from exumi_data.catalog import read_catalog
 from exumi_data.cli.app import app
 from exumi_data.dataset import Dataset
 from exumi_data.episode import open_episode
 from exumi_data.errors import NotAnEpisodeError, UsageError
-from exumi_data.model import Frames
+from exumi_data.model import CalibrationItem, Frames
 from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_data.store.pack import pack
+from exumi_data.store.video import VideoDecoder
 from exumi_recorders.attach import AttachOptions, AttachReport, attach
 from exumi_recorders.attach.writing import later
+from exumi_recorders.calibration.apply import apply_calibration
+from exumi_recorders.calibration.files import Calibration
+from exumi_recorders.placed_clips import placed_by
 from exumi_recorders.simulated.hub_run import HubRun, simulate_hub_run
 from exumi_validators import validate
 
@@ -122,6 +129,8 @@ def test_an_episode_holds_its_part_of_the_session(hub_run: HubRun, demos: Demos)
         assert clock.stamp_point == "container_pts"
         assert clock.offset_sigma_ns == pytest.approx(1e9 * (clip.sigma_s or 0.0), abs=1)
         assert "exumi-gyro-match/1" in (clock.method or "")
+        assert placed_by(clock) == "pose"
+        assert placed_by(session["pose"].metadata.clock) is None
         # What the hub's own clock says of the moment has not changed.
         at = view.metadata.clock
         assert at.t_ref_ns == session[name].metadata.clock.t_ref_ns + round(
@@ -322,3 +331,99 @@ def test_poses_that_claim_years_take_no_memory(hub_run: HubRun, tmp_path: Path) 
             stream.append(np.array([0, 1, 2**61]), np.tile([0, 0, 0, 0, 0, 0, 1.0], (3, 1)))
     with pytest.raises(UsageError, match=r"covers 6.41e\+05 h"):
         attach(hub_run.clips, path, tmp_path / "demos", options=DRY)
+
+
+def copied(hub_run: HubRun, folder: Path, count: int) -> Path:
+    folder.mkdir()
+    for name in list(hub_run.starts_s)[:count]:
+        shutil.copy(hub_run.clips / name, folder / name)
+    return folder
+
+
+def test_frames_that_cannot_be_decoded_are_left_out_on_request(
+    hub_run: HubRun, tmp_path: Path
+) -> None:
+    card = copied(hub_run, tmp_path / "card", 1)
+    (path,) = card.iterdir()
+    with VideoDecoder(str(path), path) as decoder:
+        packet = list(decoder.packets())[70]
+        start, size = packet.pos, packet.size
+    damaged = bytearray(path.read_bytes())
+    damaged[start : start + size] = bytes(size)
+    path.write_bytes(damaged)
+    whole = attach(card, hub_run.session, tmp_path / "demos", options=QUICK).clips[0]
+    assert (whole.status, whole.notes) == ("attached", ())
+    assert {p.code for p in validate(tmp_path / "demos").problems} == {"VID-008"}
+    checked = AttachOptions(durable=False, check_frames=True)
+    # It is another episode by what it lists, and takes the place of the first.
+    sound = attach(card, hub_run.session, tmp_path / "demos", options=checked).clips[0]
+    assert (sound.status, sound.episode) == ("attached", whole.episode)
+    assert "frames are damaged" in sound.notes[0]
+    report = validate(tmp_path / "demos")
+    assert [p.rule for p in report.problems if p.severity == "error"] == []
+    again = attach(card, hub_run.session, tmp_path / "demos", options=checked).clips[0]
+    assert (again.status, again.notes) == ("present", sound.notes)
+
+
+def test_what_a_killed_run_left_is_cleaned(hub_run: HubRun, tmp_path: Path) -> None:
+    card, root = copied(hub_run, tmp_path / "card", 2), tmp_path / "demos"
+    attach(card, hub_run.session, root, options=QUICK)
+    before = tree(root)
+    first, second = (path for path in sorted((root / "episodes").rglob("*.zarr")))
+    shutil.copytree(first, first.with_name(f".partial-{first.stem}"))
+    second.rename(second.with_name(f".replaced-{second.name}"))
+    report = attach(card, hub_run.session, root, options=QUICK)
+    assert [clip.status for clip in report.clips] == ["present", "present"]
+    assert tree(root) == before
+    assert "half-written" in report.notices[0]
+    assert "brought back" in report.notices[1]
+
+
+def test_a_packed_episode_that_is_made_anew_is_not_there_twice(
+    hub_run: HubRun, tmp_path: Path
+) -> None:
+    card, root = copied(hub_run, tmp_path / "card", 1), tmp_path / "demos"
+    attach(card, hub_run.session, root, options=QUICK)
+    (path,) = (root / "episodes").rglob("*.zarr")
+    packed = pack(path)
+    shutil.rmtree(path)
+    again = attach(card, hub_run.session, root, options=QUICK)
+    assert (again.clips[0].status, path.exists()) == ("present", False)
+    options = AttachOptions(durable=False, margin_s=0.2)
+    again = attach(card, hub_run.session, root, options=options)
+    assert (again.clips[0].status, path.exists(), packed.exists()) == ("attached", True, False)
+    assert [p.rule for p in validate(root).problems if p.severity == "error"] == []
+
+
+def test_nothing_is_to_be_validated_where_nothing_was_written(
+    hub_run: HubRun, tmp_path: Path
+) -> None:
+    card = tmp_path / "card"
+    card.mkdir()
+    shutil.copy(hub_run.clips / hub_run.foreign[0], card)
+    arguments = ["attach", str(card), str(hub_run.session), "--out", str(tmp_path / "demos")]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 1
+    assert "Next" not in done.output
+
+
+def test_a_training_set_of_attached_clips_is_valid_and_can_be_calibrated(
+    demos: Demos, tmp_path: Path
+) -> None:
+    root, _ = demos
+    train = tmp_path / "train"
+    assert prepare(root, train, size=32, workers=1).failed == ()
+    assert [p.code for p in validate(train).problems if p.severity == "error"] == []
+    path = next((train / "episodes").rglob("*.zarr"))
+    with open_episode(path) as episode:
+        before = {name: episode[name].time for name in ("rgb", "pose")}
+        latency = episode["pose"].metadata.clock.latency_ns
+        assert "exumi-gyro-match/1" in (episode["rgb"].metadata.clock.method or "")
+    item = CalibrationItem(value=latency + 7_000_000, unit="ns", uncertainty=1e6, method="sweep")
+    rig = Calibration({"latency/pose": item})
+    done = apply_calibration(path, rig, "rig.json", durable=False)
+    assert set(done.times) == {"rgb", "pose"}
+    with open_episode(path) as episode:
+        for name, time in before.items():
+            assert np.array_equal(episode[name].time, time - 7_000_000)
+    assert [p.code for p in validate(path).problems if p.severity == "error"] == []

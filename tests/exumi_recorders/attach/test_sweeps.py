@@ -19,6 +19,7 @@ from exumi_data.synchronisation.sweep import MarkerTrack, PoseTrack
 from exumi_data.synchronisation.sweep_search import METHOD, place_sweep
 from exumi_recorders.attach import AttachOptions, AttachReport, attach
 from exumi_recorders.calibration.files import Calibration, write_calibration
+from exumi_recorders.placed_clips import placed_by
 from exumi_validators import validate
 from tests.exumi_recorders.attach.sweeping import (
     SweptSession,
@@ -69,6 +70,7 @@ def test_the_episode_says_how_it_was_placed(
         clock = episode["rgb"].metadata.clock
         assert (clock.method or "").startswith(f"{METHOD}: where a marker is in its frames")
         assert "gyroscope" not in (clock.method or "")
+        assert placed_by(clock) == "pose"
         assert clock.offset_sigma_ns == pytest.approx(1e9 * (report.clips[0].sigma_s or 0), abs=1)
         assert episode["rgb"].container() == (swept.clips / report.clips[0].name).read_bytes()
 

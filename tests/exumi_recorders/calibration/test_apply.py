@@ -140,6 +140,13 @@ def test_widths_are_computed_again(path: Path) -> None:
         assert not flags.any()
 
 
+def test_a_map_of_several_turns_is_left_out_where_counts_wrap(path: Path) -> None:
+    long = {"raw_to_data": {"raw": [0, 9000], "data": [0.0, 0.1]}}
+    done = applied(path, width_map=CalibrationItem(value=long, method="gauge", unit="m"))
+    assert "goes over 9000 counts" in done.left_out["width_map"]
+    assert not done.widths
+
+
 def test_a_dry_run_writes_nothing(path: Path) -> None:
     with open_episode(path) as episode:
         digest = episode.digest()
@@ -192,6 +199,71 @@ def test_a_video_is_shifted(path: Path) -> None:
     assert applied(path, latency__gopro=latency(0)).times == ("gopro",)
     with open_episode(path) as episode:
         assert np.array_equal(episode["gopro"].time, before)
+
+
+def place(path: Path, method: str) -> None:
+    """State that the video was placed by poses that were known to 4 ms, and is known to 5 ms."""
+    from tests.exumi_data.builders import edit_metadata
+
+    said = {"method": method, "offset_sigma_ns": 5e6}
+    edit_metadata(path, lambda exumi: exumi["streams"]["gopro"]["clock"].update(said))
+    known = {"latency_sigma_ns": 4e6}
+    edit_metadata(path, lambda exumi: exumi["streams"]["pose"]["clock"].update(known))
+
+
+def test_a_clip_stays_in_step_with_the_poses_it_was_placed_by(path: Path) -> None:
+    place(path, "exumi-gyro-match/1: angular speed of it against 'pose', correlation 0.998; by it")
+    with open_episode(path) as episode:
+        before = episode["gopro"].time
+    assert applied(path, latency__pose=latency()).times == ("pose", "gopro")
+    with open_episode(path) as episode:
+        assert np.array_equal(episode["gopro"].time, before - 30_000_000)
+        assert np.array_equal(episode["pose"].time, TIME - 30_000_000)
+        now = episode["gopro"].metadata.clock
+        # What the poses were uncertain by gives way to what they are now: 5, less 4, and 2 ms.
+        assert now.offset_sigma_ns == pytest.approx(np.sqrt(13) * 1e6, abs=1)
+    assert not applied(path, latency__pose=latency()).is_changed
+    # A latency of its own comes on top, and its clock goes on telling of both.
+    assert applied(path, latency__gopro=latency(5_000_000)).times == ("gopro",)
+    assert applied(path, latency__pose=latency(0)).times == ("pose", "gopro")
+    with open_episode(path) as episode:
+        assert np.array_equal(episode["gopro"].time, before - 5_000_000)
+        assert (episode["gopro"].metadata.clock.method or "").endswith(
+            "by it; latency: exumi-sweep/1"
+        )
+    assert codes(path) == set()
+
+
+def test_another_video_does_not_move_along(path: Path) -> None:
+    place(path, "exumi-gyro-match/1: angular speed of it against 'head', correlation 0.998; by it")
+    assert applied(path, latency__pose=latency()).times == ("pose",)
+
+
+def test_a_prepared_clip_has_no_raw_times(path: Path) -> None:
+    """Its times follow from nothing, so its clock states no offset; they move all the same."""
+    from tests.exumi_data.builders import edit_metadata
+
+    said = {"method": "exumi-gyro-match/1: angular speed of it against 'pose', correlation 0.998;"}
+    edit_metadata(path, lambda exumi: exumi["streams"]["tactile"]["clock"].update(said))
+    with open_episode(path) as episode:
+        before = episode["tactile"].time
+    assert applied(path, latency__pose=latency()).times == ("pose", "tactile")
+    with open_episode(path) as episode:
+        assert np.array_equal(episode["tactile"].time, before - 30_000_000)
+        assert episode["tactile"].metadata.clock.offset_ns == 0
+    assert codes(path) == set()
+
+
+def test_what_is_no_latency_and_maps_of_another_name(path: Path) -> None:
+    new = CalibrationItem(value=NEW, method="gauge", unit="m")
+    done = applied(path, latency__pose=latency(2**62), other_map=new)
+    assert done.left_out == {
+        "latency/pose": "4.61169e+09 s are no latency",
+        "other_map": "no width is by a map of this name: 'width' is by 'width_map'",
+    }
+    assert not done.is_changed
+    turned = np.where(RAW < 2000, RAW + 4096.0, RAW)
+    assert applied(path, width_map=new).out_of_range == {"width": int((turned < 3910).sum())}
 
 
 def test_arrays_and_scale(path: Path) -> None:

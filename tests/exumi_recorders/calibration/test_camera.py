@@ -80,9 +80,31 @@ def test_plain_json_and_what_it_does_not_say(tmp_path: Path) -> None:
     path.write_text(json.dumps({"K": MATRIX.tolist(), "D": [[0.1], [0.2], [0.3], [0.4]]}))
     with pytest.raises(SourceError, match="give --size"):
         read_intrinsics(path)
-    assert read_intrinsics(path, size=(640, 480))[0].model == "pinhole"
+    # Four coefficients may be either's.
+    with pytest.raises(SourceError, match="give --fisheye or --pinhole"):
+        read_intrinsics(path, size=(640, 480))
+    assert read_intrinsics(path, size=(640, 480), fisheye=False)[0].model == "pinhole"
     camera = read_intrinsics(path, size=(640, 480), fisheye=True)[0]
     assert camera == Intrinsics(model="fisheye", distortion=[0.1, 0.2, 0.3, 0.4], **EXPECTED)
+
+
+def test_what_is_given_must_agree_with_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "head.yaml"
+    path.write_text(ROS)
+    assert read_intrinsics(path, size=(640, 480), fisheye=True)[0].model == "fisheye"
+    with pytest.raises(SourceError, match="images of 640x480"):
+        read_intrinsics(path, size=(1280, 960))
+    with pytest.raises(SourceError, match="it is a fisheye"):
+        read_intrinsics(path, fisheye=False)
+    path.write_text(ROS.replace("image_width: 640", "image_width: 300"))
+    with pytest.raises(SourceError, match="320, 240, is outside of images of 300x480"):
+        read_intrinsics(path)
+    gopro = tmp_path / "gopro.json"
+    gopro.write_text(json.dumps(OPEN_IMU))
+    with pytest.raises(SourceError, match="images of 640x480"):
+        read_intrinsics(gopro, size=(1920, 1080))
+    with pytest.raises(SourceError, match="it is a fisheye"):
+        read_intrinsics(gopro, fisheye=False)
 
 
 def test_open_camera_calibrator(tmp_path: Path) -> None:

@@ -160,3 +160,11 @@ def test_a_merge(tmp_path: Path) -> None:
 def test_names_of_arrays() -> None:
     with pytest.raises(ValueError, match="cannot have an array"):
         array_path("T_Controller")
+
+
+def test_half_of_a_letter_is_no_calibration(tmp_path: Path) -> None:
+    path = tmp_path / "rig.json"
+    head = '{"format": "exumi-calibration", "version": "1.0", "items": {"note": {"value": '
+    path.write_text(head + '"\\ud800"}}}')
+    with pytest.raises(MetadataError, match="half of a letter"):
+        read_calibration(path)

@@ -54,7 +54,8 @@ class Gripper:
         self.bus = SimulatedBus(As5600Chip(self._counts, 2.0))
 
     def _counts(self, now_ns: int) -> float:
-        wave = self.trembles * np.sin(2 * np.pi * 2.0 * now_ns * 1e-9)
+        # Faster than it is looked at: at its turn a slow one would seem to rest.
+        wave = self.trembles * np.sin(2 * np.pi * 15.0 * now_ns * 1e-9)
         return 3950.0 + 6200.0 * self.opening_m + float(wave)
 
 

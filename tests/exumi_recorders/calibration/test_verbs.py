@@ -1,6 +1,7 @@
 """``exumi calibrate``, from a recording to a corrected dataset."""
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from typer.testing import CliRunner, Result
 from exumi_data.catalog import build_catalog, episode_path, write_catalog
 from exumi_data.cli.app import app
 from exumi_data.dataset import create_dataset, open_dataset
+from exumi_data.destination import only_run
 from exumi_data.episode import open_episode
 from exumi_data.model import DatasetMetadata, Frames, RawData
 from exumi_data.simulation.sweep import SweepSettings
@@ -22,10 +24,11 @@ from exumi_data.simulation.sweep_recording import (
     write_sweep_clip,
     write_sweep_episode,
 )
+from exumi_data.standard import flags
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_recorders.calibration.files import read_calibration
 from exumi_validators import validate
-from tests.exumi_data.builders import metadata
+from tests.exumi_data.builders import edit_metadata, metadata
 from tests.exumi_data.synchronisation.gripping import activity, as_ns, frame_times, width_m
 from tests.exumi_recorders.calibration.test_controller import TIP, pivoting
 from tests.exumi_recorders.calibration.test_tactile import frames as gel_frames
@@ -66,6 +69,8 @@ def test_from_a_sweep_to_a_corrected_dataset(sweep: Path, tmp_path: Path) -> Non
     assert item["value"] == pytest.approx(42e6, abs=5e6)
     assert item["uncertainty"] > 8e6
     assert item["time"].endswith("Z")
+    with open_episode(sweep) as recorded:
+        assert item["digest"] == recorded.digest()
     assert said["sweeps"][0]["detected"] == said["sweeps"][0]["frames"] == 270
     image = cv2.imread(str(picture))
     assert image is not None
@@ -78,8 +83,6 @@ def test_from_a_sweep_to_a_corrected_dataset(sweep: Path, tmp_path: Path) -> Non
     with open_episode(sweep) as episode:
         target = root / episode_path(episode.id)
     target.parent.mkdir(parents=True)
-    import shutil
-
     shutil.copytree(sweep, target)
     write_catalog(root, build_catalog(root)[0])
     for changed, text in ((True, "1 of 1 episodes changed"), (False, "0 of 1 episodes changed")):
@@ -100,9 +103,11 @@ def test_from_a_sweep_to_a_corrected_dataset(sweep: Path, tmp_path: Path) -> Non
 
 def test_a_sweep_that_is_refused(sweep: Path, tmp_path: Path) -> None:
     rig = tmp_path / "rig.json"
-    done = calibrate("latency", sweep, "--out", rig, "--marker", 5)
-    assert done.exit_code == 2
-    assert "found in 0 of 270 frames" in done.output
+    done = calibrate("latency", sweep, "--out", rig, "--marker", 5, "-f", "json")
+    assert done.exit_code == 1
+    (refused,) = json.loads(done.stdout)["refused"]
+    assert "found in 0 of 270 frames" in refused["reason"]
+    assert "another marker id" in refused["fix"]
     done = calibrate("latency", sweep, "--out", rig, "--max-lag", 0.05, "--dictionary", "DICT_X")
     assert done.exit_code == 2
     regular = SweepSettings(rate_hz=2.0, seconds=8.0, regular=True, frames_per_s=20.0, missing=0.0)
@@ -113,6 +118,47 @@ def test_a_sweep_that_is_refused(sweep: Path, tmp_path: Path) -> None:
     assert "the sweep repeats itself" in done.output
     assert picture.exists()
     assert not rig.exists()
+    said = json.loads(calibrate("latency", path, "--out", rig, "-f", "json").stdout)
+    assert (said["items"], len(said["sweeps"])) == ({}, 1)
+    assert "the sweep repeats itself" in said["refused"][0]["reason"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--plot", "sweep.svg"), "writes a PNG"),
+        (("--plot", "."), "writes a PNG"),
+        (("--end", "SWEEP"), "the same sweep"),
+        (("--video-start", 3), "goes with --video"),
+        (("--video", "nothing.mp4"), "no such file"),
+        (("--video", "SWEEP/zarr.json", "--camera", "No/Name"), "no name of a stream"),
+    ],
+)
+def test_options_of_a_sweep_that_make_no_sense(
+    sweep: Path, tmp_path: Path, arguments: tuple[object, ...], said: str
+) -> None:
+    given = [str(one).replace("SWEEP", str(sweep)) for one in arguments]
+    done = calibrate("latency", sweep, "--out", tmp_path / "rig.json", *given)
+    assert (done.exit_code, said in done.output) == (2, True), done.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_calibration_file_is_looked_at_before_any_work(tmp_path: Path) -> None:
+    """An operator who has set nine openings by hand would lose them."""
+    other = tmp_path / "other.json"
+    other.write_text("{}")
+    openings = ("--rig", "simulated", "--openings-mm", "0,10,20,30,40")
+    for out in (tmp_path / "rig.toml", other):
+        done = CliRunner().invoke(
+            app, ["calibrate", "gripper", *openings, "--out", str(out)], input="\n" * 9
+        )
+        assert done.exit_code == 2
+        assert "set the gripper" not in done.output
+    for verb in ("contact", "controller", "latency", "tactile"):
+        done = calibrate(verb, tmp_path / "x.zarr", "--out", other)
+        assert (done.exit_code, "exumi-calibration" in done.output) == (2, True), done.output
+    done = calibrate("gripper", *openings[:3], "0,10,-20,30,40", "--out", tmp_path / "rig.json")
+    assert (done.exit_code, "an opening of -20 mm" in done.output) == (1, True)
 
 
 def test_start_and_end_of_a_session(tmp_path: Path) -> None:
@@ -122,7 +168,9 @@ def test_start_and_end_of_a_session(tmp_path: Path) -> None:
     last = write_sweep_episode(tmp_path / "last.zarr", later, seed=4)
     known = ("--exposure-ms", 4, "--readout-ms", "12,12", "--headset-lag-ms", 12)
     rig = tmp_path / "rig.json"
-    done = calibrate("latency", first, "--end", last, "--out", rig, *known, "-f", "json")
+    picture = tmp_path / "both.png"
+    more = (*known, "--plot", picture, "-f", "json")
+    done = calibrate("latency", first, "--end", last, "--out", rig, *more)
     said = found(done)
     item = said["items"]["latency/pose"]
     assert len(said["sweeps"]) == 2
@@ -133,6 +181,12 @@ def test_start_and_end_of_a_session(tmp_path: Path) -> None:
     assert item["uncertainty"] == pytest.approx(4e6, abs=0.5e6)
     assert "from the first to the last" in item["procedure"]
     assert "the latency changed by" in done.stderr
+    # Both sweeps are drawn with the value that is used, which is that of neither.
+    both = cv2.imread(str(picture))
+    assert both is not None
+    upper, lower = both[: len(both) // 2], both[len(both) // 2 :]
+    assert upper.shape == lower.shape
+    assert not np.array_equal(upper, lower)
     done = calibrate("latency", first, "--end", last, "--video", "x.mp4", "--out", rig)
     assert (done.exit_code, "exclude each other" in done.output) == (2, True)
 
@@ -187,7 +241,14 @@ def test_gripper(tmp_path: Path) -> None:
     items = read_calibration(rig).items
     assert items["w"].value["raw_to_data"] == items["width_map"].value["raw_to_data"]
     done = calibrate("gripper", steps, "--openings-mm", "0,10", "--out", rig)
-    assert (done.exit_code, "rested 8 times" in done.output) == (2, True)
+    assert (done.exit_code, "there are 2 openings" in done.output) == (1, True)
+    done = calibrate("gripper", steps, "--openings-mm", openings.removesuffix(",70"), "--out", rig)
+    assert (done.exit_code, "rested 8 times" in done.output) == (1, True)
+    done = calibrate("gripper", steps, "--out", rig)
+    assert (done.exit_code, "Name them: --openings-mm" in done.output) == (2, True)
+    done = calibrate("gripper", readings, "--out", rig, "--name", "../w")
+    assert (done.exit_code, "no name of a stream" in done.output) == (2, True)
+    assert calibrate("gripper", readings, "--out", rig, "--gauge-mm", "inf").exit_code == 2
 
 
 def test_controller(tmp_path: Path) -> None:
@@ -207,13 +268,35 @@ def test_controller(tmp_path: Path) -> None:
     assert calibrate("controller", "--chain", chain, "--out", rig).exit_code == 0
     assert set(read_calibration(rig).items) == {"T_controller_tcp", "T_a_b"}
     assert calibrate("controller", "--out", rig).exit_code == 2
+    for wrong, text in (
+        (("--jig", path, "--tool", "0,0,0,0"), "of length 1"),
+        (("--tool", "0,0,0,1"), "goes with --jig"),
+        (("--jig", path, "--hand-eye"), "goes with a tip"),
+        (("--jig", path), "in its jig"),
+    ):
+        done = calibrate("controller", path, "--out", rig, *wrong)
+        assert (done.exit_code in {1, 2}, text in done.output) == (True, True), done.output
     chain.write_text("{}")
     assert calibrate("controller", "--chain", chain, "--out", rig).exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        (("--tool", "0,0,0,1"), "goes with --jig or --in-jig"),
+        (("--in-jig", "--tool", "0,0,0,2"), "of length 1"),
+        (("--jig", "jig.zarr"), "neither --hand-eye nor --jig"),
+    ],
+)
+def test_what_does_not_go_with_a_rig(wrong: tuple[str, ...], text: str, tmp_path: Path) -> None:
+    options = ("--rig", "simulated", "--out", tmp_path / "rig.json")
+    done = calibrate("controller", *options, *wrong)
+    assert (done.exit_code, text in done.output) == (2, True), done.output
+
+
 def test_hand_and_eye_in_a_sweep_turns_too_little(sweep: Path, tmp_path: Path) -> None:
     done = calibrate("controller", sweep, "--hand-eye", "--out", tmp_path / "rig.json")
-    assert done.exit_code == 2
+    assert done.exit_code == 1
     assert "second axis" in done.output or "different views" in done.output
 
 
@@ -236,8 +319,37 @@ def test_contact(tmp_path: Path) -> None:
     said = found(calibrate("contact", path, "--out", rig, "-f", "json"))
     item = said["items"]["latency/tactile"]
     assert abs(item["value"] - 50e6) < 3 * item["uncertainty"] < 25e6
+    done = calibrate("contact", path, "--stream", "tactile", "--width", "width", "--out", rig)
+    assert done.exit_code == 0
     done = calibrate("contact", path, "--stream", "width", "--out", rig)
     assert (done.exit_code, "of kind width" in done.output) == (2, True)
+
+
+def test_contact_of_a_recording_as_it_comes(tmp_path: Path) -> None:
+    """Coloured frames with a reference, no stored activity, a second width, bad readings."""
+
+    def add(writer: EpisodeWriter) -> None:
+        frames, samples = frame_times(20.0), np.arange(0, 20, 0.005)
+        images = {"encoding": "array", "height": 48, "width": 64, "channels": 3}
+        touch = writer.add_stream("tactile", kind="tactile", images=images)
+        rest = np.full((48, 64, 3), 120, np.uint8)
+        share = activity(frames)
+        pressed = np.repeat(rest[None], len(frames), axis=0)
+        for frame, part in zip(pressed, share, strict=True):
+            frame.reshape(-1, 3)[: round(part * 48 * 64)] = 60
+        touch.append(as_ns(frames + 0.05), pressed)
+        touch.set_reference(rest, method="captured")
+        width = writer.add_stream("width", kind="width")
+        values, marks = width_m(samples), np.zeros(len(samples), np.uint32)
+        values[::97], marks[::97] = 0.5, flags()["invalid"].mask
+        width.append(as_ns(samples), values, flags=marks)
+        other = writer.add_stream("width_right", kind="width")
+        other.append(as_ns(samples), np.zeros(len(samples)))
+
+    path = write(tmp_path / "grasps.zarr", add)
+    said = found(calibrate("contact", path, "--out", tmp_path / "rig.json", "-f", "json"))
+    item = said["items"]["latency/tactile"]
+    assert abs(item["value"] - 50e6) < 3 * item["uncertainty"] < 25e6
 
 
 def test_tactile(tmp_path: Path) -> None:
@@ -276,3 +388,79 @@ def test_camera(tmp_path: Path) -> None:
     assert calibrate(*arguments, "--size", "8by6").exit_code == 2
     said = found(calibrate(*arguments, "--size", "8x6", "-f", "json"))
     assert said["items"]["intrinsics/rgb"]["value"]["fx"] == 9.0
+    for wrong, text in (("", "no name of a stream"), ("A/b", "no name of a stream")):
+        done = calibrate("camera", path, "--stream", wrong, "--out", rig, "--size", "8x6")
+        assert (done.exit_code, text in done.output) == (2, True)
+
+
+def a_dataset(root: Path, sweep: Path) -> Path:
+    """A dataset of one episode with its catalog; returns the episode's folder."""
+    create_dataset(root, DatasetMetadata(name="sweeps", licence="CC0-1.0"))
+    with open_episode(sweep) as episode:
+        target = root / episode_path(episode.id)
+    shutil.copytree(sweep, target)
+    write_catalog(root, build_catalog(root)[0])
+    return target
+
+
+def test_an_apply_that_was_killed_is_taken_up(sweep: Path, tmp_path: Path) -> None:
+    root, rig = tmp_path / "dataset", tmp_path / "rig.json"
+    target = a_dataset(root, sweep)
+    old = (root / "catalog.parquet").read_bytes()
+    item = {"value": 42_000_000, "unit": "ns", "uncertainty": 1e6, "method": "by hand"}
+    document = {"format": "exumi-calibration", "version": "1.0", "items": {"latency/pose": item}}
+    rig.write_text(json.dumps(document))
+    assert calibrate("apply", root, "-c", rig).exit_code == 0
+    new = (root / "catalog.parquet").read_bytes()
+    # Killed between the last episode and the catalog, with the old episode still aside.
+    (root / "catalog.parquet").write_bytes(old)
+    shutil.copytree(target, target.with_name(f".replaced-{target.name}"))
+    done = calibrate("apply", root, "-c", rig)
+    assert "0 of 1 episodes changed" in done.stdout
+    assert (root / "catalog.parquet").read_bytes() == new != old
+    assert [path.name for path in target.parent.iterdir()] == [target.name]
+    # Killed between two renames.
+    for where in (root, target):
+        target.rename(target.with_name(f".replaced-{target.name}"))
+        done = calibrate("apply", where, "-c", rig, "-f", "json")
+        assert done.exit_code == 0, done.output
+        assert "brought back" in json.loads(done.stdout)["notices"][0]
+        assert target.is_dir()
+    (target.parent / f".partial-{target.stem}" / "streams").mkdir(parents=True)
+    # A dry run touches nothing.
+    assert calibrate("apply", root, "-c", rig, "--dry-run").exit_code == 0
+    assert len(list(target.parent.iterdir())) == 2
+    with only_run(root):
+        done = calibrate("apply", root, "-c", rig)
+        assert (done.exit_code, "another command is writing" in done.output) == (2, True)
+    assert calibrate("apply", root, "-c", rig).exit_code == 0
+    assert [path.name for path in target.parent.iterdir()] == [target.name]
+
+
+def test_an_episode_that_cannot_be_written_does_not_stop_the_others(
+    sweep: Path, tmp_path: Path
+) -> None:
+    root, rig = tmp_path / "dataset", tmp_path / "rig.json"
+    target = a_dataset(root, sweep)
+    # Its name is one that sorts first, and its folder one that cannot be written into.
+    readings = {"value": 1, "unit": "ns", "method": "by hand"}
+    document = {
+        "format": "exumi-calibration",
+        "version": "1.0",
+        "items": {"latency/pose": readings},
+    }
+    rig.write_text(json.dumps(document))
+    shutil.rmtree(target / "streams/rgb/data")
+    other = "00000000-0000-4000-8000-0000000000ff"
+    second = root / episode_path(other)
+    shutil.copytree(sweep, second)
+    edit_metadata(second, lambda exumi: exumi.update(id=other))
+    done = calibrate("apply", root, "-c", rig, "-f", "json")
+    assert done.exit_code == 1
+    said = json.loads(done.stdout)
+    assert [Path(one["path"]).name for one in said["episodes"] if one["is_changed"]] == [
+        second.name
+    ]
+    assert list(said["failed"]) == [str(target)]
+    assert calibrate("apply", tmp_path / "nothing", "-c", rig).exit_code == 2
+    assert calibrate("apply", tmp_path, "-c", rig).exit_code == 2

@@ -48,6 +48,7 @@ class FakeKernel:
     on_poll: Callable[["FakeKernel"], None] | None = None
     gone: bool = False
     line_padding: int = 0
+    most_buffers: int = 32
     rate_given: Fraction | None = None
     queued: list[int] = field(default_factory=list)
     calls: list[str] = field(default_factory=list)
@@ -121,6 +122,7 @@ class FakeKernel:
             request.parm.capture.denominator = self.rate_given.numerator
 
     def _reqbufs(self, request: Any) -> None:
+        request.count = min(request.count, self.most_buffers)
         self.maps = [bytearray(1 << 16) for _ in range(request.count)]
 
     def _querybuf(self, buffer: Any) -> None:

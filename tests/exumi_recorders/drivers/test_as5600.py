@@ -84,6 +84,30 @@ def test_it_records_the_truth_at_its_stamps() -> None:
     assert np.mean(np.abs(off) < 1.0) > 0.9
 
 
+def test_turns_are_counted_from_home() -> None:
+    began_ns = time.monotonic_ns()
+
+    def counts(now_ns: int) -> float:
+        """Closed for 1.2 s, then two and a half turns in a second, falling."""
+        return 500.0 - 10_240 * min(max((now_ns - began_ns) / 1e9 - 1.2, 0.0), 1.0)
+
+    driver = opened(SimulatedBus(As5600Chip(counts)), home=510)
+    assert driver.ports[0].metadata == {"raw": {"unit": "count"}}
+    first = read_for(driver, 0.3)
+    assert all(sample.flags & 8 for sample in first)
+    assert any("turn is not known" in text for text in driver.health().problems)
+    assert driver.health().readings["count"] == 500
+    samples = read_for(driver, 2.2)
+    driver.close()
+    known = [sample for sample in samples if not sample.flags & 8]
+    assert driver.health().problems == ()
+    found = np.frombuffer(b"".join(sample.payload for sample in known), "<i4")
+    assert len(found) > 300
+    true = np.array([counts(sample.time_host_ns) for sample in known])
+    assert np.abs(found - true).max() < 60  # half a millisecond of the fastest
+    assert found[-1] == 500 - 10_240
+
+
 def test_the_schedule_has_no_drift() -> None:
     driver = opened(still(), rate_hz=250)
     samples = read_for(driver, 0.8)

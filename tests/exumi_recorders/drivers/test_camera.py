@@ -243,6 +243,13 @@ def test_what_goes_wrong_when_it_is_opened(
     assert rig.kernel.closed == 1
 
 
+def test_with_too_few_buffers_images_would_be_lost(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, FakeKernel(most_buffers=3))
+    with pytest.raises(DeviceError, match="gives 3 buffers"):
+        rig.driver.open()
+    assert rig.kernel.closed == 1
+
+
 def test_a_camera_that_sends_nothing_or_rubbish(tmp_path: Path) -> None:
     with pytest.raises(DeviceError, match="sent no image within"):
         Rig(tmp_path, FakeKernel()).driver.open()

@@ -92,6 +92,16 @@ def test_a_datagram_is_one_line_or_several() -> None:
     assert [item.sequence for item in samples] == [7, 8, 9]
 
 
+def test_a_large_datagram_is_read_whole() -> None:
+    port = free_port()
+    driver = opened(udp=port, address="127.0.0.1", **GRIP)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.sendto(b"0,12345\n" * 1000, ("127.0.0.1", port))
+    samples = read_all(driver)
+    driver.close()
+    assert values_of(samples) == [12345.0] * 1000
+
+
 def test_a_udp_port_that_is_in_use() -> None:
     port = free_port()
     first = opened(udp=port, address="127.0.0.1", **GRIP)

@@ -91,6 +91,28 @@ def test_pts_of_another_clock_are_no_stamps(tmp_path: Path) -> None:
     camera.close()
 
 
+# The thread ends with what nobody expected; the camera is told to be gone all the same.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_reader_that_breaks_is_a_lost_camera(tmp_path: Path) -> None:
+    class Broken:
+        def __enter__(self) -> "Broken":
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def demux(self, **_: object) -> Any:
+            raise KeyError  # nothing that FFmpeg would say
+
+    (tmp_path / "video0").write_bytes(b"")
+    source = PyavSource(str(tmp_path / "video0"), controls={}, open_container=lambda *_: Broken())
+    source.open(Shape(64, 48, Fraction(30)))
+    source.read(0.2)
+    with pytest.raises(DeviceLostError, match="is gone"):
+        source.read(0.2)
+    source.close()
+
+
 def test_what_ffmpeg_cannot_open(tmp_path: Path) -> None:
     (tmp_path / "video0").write_bytes(b"")
     source = PyavSource(str(tmp_path / "video0"), controls={})

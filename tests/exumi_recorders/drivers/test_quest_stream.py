@@ -222,6 +222,20 @@ def test_round_trips_are_checked() -> None:
     assert "clock_offset_ns" not in readings_of(feed.stream, feed.now_ns + 11 * S)
 
 
+def test_the_clock_is_told_every_ten_seconds() -> None:
+    feed = Feed()
+    told = []
+    for _ in range(25):
+        t2 = feed.now_ns
+        found = feed(f"XU,T,1,{t2 - 500 - MS},{t2},{t2 + 50},{t2 - 500 + MS}")
+        told += [event for event in found if isinstance(event, Event) and event.name == "clock"]
+        feed.now_ns += S
+    assert len(told) == 3
+    for event in told:
+        assert event.detail["clock_offset_ns"] == pytest.approx(500, abs=100)
+        assert event.detail["round_trip_ms"] == pytest.approx(2, abs=0.1)
+
+
 def test_the_drift_of_the_headsets_clock() -> None:
     feed = Feed()
     for n in range(2000):

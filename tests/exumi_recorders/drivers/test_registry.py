@@ -1,5 +1,7 @@
 """Drivers by name."""
 
+import subprocess
+import sys
 from importlib.metadata import EntryPoint
 from typing import Any
 
@@ -25,6 +27,19 @@ GLOVE = DriverType("glove", "A glove.", Options, make)
 def test_an_unknown_driver_is_named_beside_those_that_are_there() -> None:
     with pytest.raises(UsageError, match="no driver 'quost'"):
         registry.find_driver("quost")
+
+
+def test_drivers_are_loaded_when_they_are_named_and_what_they_need_when_they_are_opened() -> None:
+    code = """
+import sys
+from exumi_recorders.drivers import registry
+before = {name for name in sys.modules if name.startswith("exumi_recorders.drivers.")}
+for name in registry.driver_names():
+    registry.find_driver(name)
+print(*before, *{"av", "cv2", "scipy", "serial", "smbus2", "yaml"} & set(sys.modules))
+"""
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.split() == ["exumi_recorders.drivers.registry"]
 
 
 def test_another_package_adds_a_driver(monkeypatch: pytest.MonkeyPatch) -> None:

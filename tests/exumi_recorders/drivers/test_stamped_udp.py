@@ -87,6 +87,11 @@ def test_an_address_in_use(hub: StampedSocket) -> None:
     with pytest.raises(DeviceError, match="cannot listen") as raised:
         StampedSocket("127.0.0.1", hub.address[1], buffer_bytes=1, max_bytes=1)
     assert raised.value.fix is not None
+    assert "Another program" in raised.value.fix
+    with pytest.raises(DeviceError, match="cannot listen") as raised:
+        StampedSocket("192.0.2.1", 0, buffer_bytes=1, max_bytes=1)
+    assert raised.value.fix is not None
+    assert "an address of this machine" in raised.value.fix
 
 
 def test_a_closed_socket_is_lost(hub: StampedSocket) -> None:
@@ -96,8 +101,16 @@ def test_a_closed_socket_is_lost(hub: StampedSocket) -> None:
         hub.receive(0)
 
 
-def test_a_reply_that_cannot_be_sent_is_dropped(hub: StampedSocket) -> None:
+def test_a_reply_that_cannot_be_sent_is_dropped(hub: StampedSocket, app: socket.socket) -> None:
+    app.bind(("127.0.0.1", 0))
+    with pytest.raises(PermissionError):  # nobody may send to all without asking for it
+        app.sendto(b"x", ("255.255.255.255", 9))
     hub.send(b"x", ("255.255.255.255", 9))
+    app.sendto(b"after", hub.address)
+    assert [datagram.data for datagram in hub.receive(1.0)] == [b"after"]
+    hub.send(b"reply", app.getsockname())
+    app.settimeout(1.0)
+    assert app.recv(100) == b"reply"
 
 
 def pair(monotonic_s: float, realtime_s: float) -> ClockPair:

@@ -142,6 +142,34 @@ def test_what_is_recorded_is_the_truth_at_up_to_a_thousand_a_second(
     assert 3500 - values.min() >= 200
 
 
+class Transfers:
+    """USB transfers one by one; an empty one stands for a while without any."""
+
+    def __init__(self, chunks: list[bytes]) -> None:
+        self._chunks = chunks
+
+    def receive(self, timeout_s: float) -> bytes:
+        if self._chunks:
+            return self._chunks.pop(0)
+        time.sleep(max(timeout_s, 0.0))
+        return b""
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_usb_frame_is_one_transfer_or_two_packets(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = grids(4, 5)
+    a, b, c, d, e = (encode(values[k : k + 1]) for k in range(5))
+    source = Transfers([a, b[:64], b[64:], c[:64], b"", d, e[:64], e[:64], e])
+    monkeypatch.setattr(Tac02, "_find", lambda _: source)
+    driver = Tac02(Tac02Options(side="left"))
+    driver.open()
+    found = values_of(read_for(driver, 0.05))
+    np.testing.assert_array_equal(found, values[[0, 1, 3, 4]])
+    assert driver.health().lost["framing"] == 3  # the rest of c, and e twice
+
+
 def test_garbage_and_cut_frames_are_counted_and_all_else_is_right(device: SimulatedTac02) -> None:
     driver = opened(device)
     samples = []
@@ -149,6 +177,9 @@ def test_garbage_and_cut_frames_are_counted_and_all_else_is_right(device: Simula
         device.fail("garbage", 41)
         samples += read_for(driver, 0.03)
         device.fail("partial", 77)
+        samples += read_for(driver, 0.03)
+    until_s = time.monotonic() + 5.0
+    while len(samples) <= 40 and time.monotonic() < until_s:
         samples += read_for(driver, 0.03)
     driver.close()
     # How many depends on how much was waiting: a burst with a cut frame in it is refused whole.

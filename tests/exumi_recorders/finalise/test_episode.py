@@ -1,6 +1,8 @@
 """Journals become episodes that the validator finds valid, with all that was known in them."""
 
 import json
+import os
+import shutil
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import simplejpeg
 
 import exumi_data
 from exumi_data.catalog import episode_path
@@ -15,8 +18,12 @@ from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import DamagedDataError
 from exumi_data.model import CalibrationItem
 from exumi_data.store import jpeg
+from exumi_recorders.calibration.apply import apply_calibration
+from exumi_recorders.calibration.files import Calibration
 from exumi_recorders.contract import Blocks, Event, Files, Port, Rows, Sample
+from exumi_recorders.drivers.as5600 import As5600, As5600Options
 from exumi_recorders.finalise.episode import finalise
+from exumi_recorders.finalise.losses import FLAG
 from exumi_recorders.finalise.verify import verify
 from exumi_recorders.journal.header import KnownLatency
 from exumi_recorders.journal.log import segment_name
@@ -38,6 +45,7 @@ from tests.exumi_recorders.numbered import (
     episode,
     picture,
     port,
+    pose,
 )
 
 QUEST = Port(
@@ -121,6 +129,28 @@ def test_everything_that_came_is_in_the_episode(dataset: Path) -> None:
         assert found.metadata.start is not None
 
 
+def test_no_image_is_decoded_but_those_of_a_reference(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decoded: list[bytes] = []
+    real = simplejpeg.decode_jpeg
+
+    def decode(data: bytes, *given: Any, **named: Any) -> Any:
+        decoded.append(bytes(data))
+        return real(data, *given, **named)
+
+    monkeypatch.setattr(simplejpeg, "decode_jpeg", decode)
+    touch = port(CAMERA, kind="tactile")
+    given = samples("camera", 40)
+    finalise(make_journal(dataset, {"camera": (CAMERA, given), "touch": (touch, given)}))
+    assert decoded == []
+    times = {"stream": "touch", "from_ns": T0, "until_ns": T0 + S}
+    event = Event("reference", T0 + S, times)
+    streams = {"camera": (CAMERA, given), "touch": (touch, given)}
+    finalise(make_journal(dataset, streams, events=[event], metadata=episode(2)))
+    assert decoded == list(map(picture, range(9)))
+
+
 def test_a_second_run_changes_nothing(dataset: Path) -> None:
     streams = {"pose": (POSE, samples("pose", 10, 90.0))}
     journal = make_journal(dataset, streams)
@@ -153,6 +183,41 @@ def test_what_was_dropped_and_lost_is_told(dataset: Path) -> None:
         flags = found["camera"].flags
         assert flags is not None
         assert np.flatnonzero(flags).tolist() == [5, 10]
+
+
+def test_a_device_that_was_silent_leaves_a_gap_though_its_numbers_go_on(dataset: Path) -> None:
+    given = samples("pose", 200, 90.0)
+    for number in range(100, 200):
+        sample = given[number]
+        assert sample is not None
+        given[number] = replace(sample, time_host_ns=sample.time_host_ns + 2 * S)
+    finalise(make_journal(dataset, {"pose": (POSE, given)}))
+    with open_final(dataset) as found:
+        gaps = found["pose"].metadata.gaps or []
+        assert [(gap.after, gap.lost, gap.reason) for gap in gaps] == [(99, None, "no sample came")]
+        assert found["pose"].flags is not None
+        assert np.flatnonzero(found["pose"].flags & 4).tolist() == [100]
+        assert found["pose"].metadata.lost is None
+
+
+def test_what_waited_in_the_air_leaves_no_gap_where_the_device_tells_its_time(
+    dataset: Path,
+) -> None:
+    stamped = replace(POSE, time_device_unit="us")
+    given: list[Sample | None] = []
+    order = [*range(50), 52, 50, 51, *range(53, 100), *range(200, 250)]
+    for came, number in enumerate(order):
+        # From 60 to 70 nothing comes; then all of it at once.
+        at = max(number, 70 + came / 1000) if 60 <= number <= 70 else number
+        sent_us = round(number * 1e6 / 90)
+        host_ns = T0 + S + round(at * S / 90)
+        sequence = number if number < 100 else number - 100  # it was silent, and nothing is lost
+        sample = Sample("pose", host_ns, pose(came), time_device_ns=sent_us, sequence=sequence)
+        given.append(sample)
+    finalise(make_journal(dataset, {"pose": (stamped, given)}))
+    with open_final(dataset) as found:
+        gaps = found["pose"].metadata.gaps or []
+        assert [(gap.after, gap.lost) for gap in gaps] == [(99, None)]
 
 
 def test_poses_are_in_the_world_that_was_marked(dataset: Path) -> None:
@@ -224,6 +289,39 @@ def test_counts_become_widths(dataset: Path) -> None:
         assert (model.raw.transform, model.raw.modulus) == ("width_map", 4096)
 
 
+def test_counts_with_their_turns_become_widths(dataset: Path) -> None:
+    long = {"raw_to_data": {"raw": [-6000, 400], "data": [0.08, 0.0]}}
+    items = {"width_map": CalibrationItem(value=long, method="gauge", unit="m")}
+    counting = As5600(As5600Options(home=400)).ports[0]
+    counts = [400, -2800, -6000, -6001]
+    journal = make_journal(
+        dataset,
+        {"width": (counting, rows("width", [(each,) for each in counts], "<i", 200.0))},
+        metadata=episode(calibration=items),
+    )
+    finalise(journal)
+    assert errors_of(dataset) == []
+    with open_final(dataset) as found:
+        assert found["width"].data == pytest.approx([0.0, 0.04, 0.08, 0.08])
+        assert found["width"].flags is not None
+        assert found["width"].flags.tolist() == [0, 0, 0, 16]
+
+
+def test_a_map_of_several_turns_tells_nothing_of_counts_that_wrap(dataset: Path) -> None:
+    long = {"raw_to_data": {"raw": [-6000, 400], "data": [0.08, 0.0]}}
+    items = {"width_map": CalibrationItem(value=long, method="gauge", unit="m")}
+    journal = make_journal(
+        dataset,
+        {"width": (ENCODER, rows("width", [(7,), (8,)], "<H", 200.0))},
+        metadata=episode(calibration=items),
+    )
+    finalise(journal)
+    assert errors_of(dataset) == []
+    with open_final(dataset) as found:
+        assert np.isnan(found["width"].data).all()
+        assert "width-not-calibrated" in notes(found)
+
+
 def test_counts_without_a_map_are_kept_as_they_are(dataset: Path) -> None:
     journal = make_journal(dataset, {"width": (ENCODER, rows("width", [(7,), (8,)], "<H", 200.0))})
     finalise(journal)
@@ -233,6 +331,24 @@ def test_counts_without_a_map_are_kept_as_they_are(dataset: Path) -> None:
         assert found["width"].raw.tolist() == [7, 8]
         assert np.isnan(found["width"].data).all()
         assert "width-not-calibrated" in notes(found)
+
+
+def test_a_map_that_is_made_later_makes_widths_of_counts(dataset: Path) -> None:
+    counts = [(number,) for number in range(0, 40, 4)]
+    recorded = rows("width", counts, "<H", 200.0)
+    assert recorded[3] is not None
+    recorded[3] = replace(recorded[3], flags=FLAG["invalid"])  # the magnet was not seen
+    journal = make_journal(dataset, {"width": (ENCODER, recorded)})
+    finalise(journal)
+    path = dataset / episode_path(episode().id)
+    apply_calibration(path, Calibration({"width_map": WIDTH_MAP}), "a file")
+    assert validate(path).problems == ()
+    with open_final(dataset) as found:
+        flags = found["width"].flags
+        assert flags is not None
+        assert np.flatnonzero(flags & FLAG["invalid"]).tolist() == [3]
+        assert np.isfinite(found["width"].data).all()
+        assert "width-not-calibrated" not in notes(found)
 
 
 def test_files_that_are_no_images_are_left_out(dataset: Path) -> None:
@@ -251,6 +367,14 @@ def test_files_that_are_no_images_are_left_out(dataset: Path) -> None:
         assert gaps == [(-1, 1), (2, 2), (5, 1), (6, 1)]
         assert stream.metadata.lost == {"unreadable": 5}
         assert "5 payloads of camera were no JPEG of 64x48" in notes(found)["files-left-out"]
+
+
+def test_poses_that_jumped_are_told_of(dataset: Path) -> None:
+    events = [Event("pose_jump", T0 + S, {"port": "pose", "distance_m": m}) for m in (0.4, 1.25)]
+    events.append(Event("pose_jump", T0 + S, {"port": "headset", "distance_m": 3.0}))
+    finalise(make_journal(dataset, {"tool": (POSE, samples("pose", 9, 90.0))}, events=events))
+    with open_final(dataset) as found:
+        assert notes(found) == {"pose-jumped": "the pose jumped 2 times, by up to 1.25 m"}
 
 
 def test_a_stream_without_a_sample_is_left_out(dataset: Path) -> None:
@@ -375,6 +499,29 @@ def test_the_reference_of_a_finger_is_the_calibrations(dataset: Path) -> None:
         assert (found["touch"].reference == 90).all()
         assert found.calibration_array("tactile_reference/touch").shape == SIZE
         assert "gone" not in found.metadata.calibration
+        assert set(notes(found)) == {"calibration-lost"}
+
+
+@pytest.mark.parametrize("what", ["pipe", "link", "words", "rubbish"])
+def test_calibration_arrays_that_are_none(dataset: Path, what: str) -> None:
+    item = CalibrationItem(value=None, array="calibration/map")
+    journal = make_journal(
+        dataset,
+        {"pose": (POSE, samples("pose", 5, 90.0))},
+        metadata=episode(calibration={"map": item}),
+        arrays={"map": np.array(["a", "b"]) if what == "words" else np.eye(2)},
+    )
+    path = journal / "calibration" / "map.npy"
+    if what != "words":
+        path.unlink()
+    if what == "pipe":
+        os.mkfifo(path)
+    elif what == "link":
+        path.symlink_to("/dev/zero")
+    elif what == "rubbish":
+        path.write_bytes(b"\x93NUMPY rubbish")
+    finalise(journal)
+    with open_final(dataset) as found:
         assert set(notes(found)) == {"calibration-lost"}
 
 
@@ -507,6 +654,7 @@ def test_a_header_of_another_journal_is_refused(dataset: Path) -> None:
     other = json.loads((journal / "header.json").read_text())
     other["episode"]["id"] = episode(2).id
     (journal / "header.json").write_text(json.dumps(other))
+    shutil.rmtree(journal / "header")
     with pytest.raises(DamagedDataError, match="the header is that of"):
         finalise(journal)
     assert journal.exists()

@@ -121,6 +121,14 @@ def test_a_device_that_was_gone_counts_anew() -> None:
     assert take(losses, [3])[1] == ["gap"]  # and one that begins anew by itself
 
 
+def test_a_number_that_wraps_and_is_far_behind_is_that_of_a_device_that_counts_anew() -> None:
+    losses = Losses(1 << 32)
+    take(losses, [(1 << 32) - 1, 0, 1, 50_000])
+    found, said = take(losses, [0, 1, 2])
+    assert said == ["gap", "", ""]
+    assert found == [(1 << 32) + 50_001, (1 << 32) + 50_002, (1 << 32) + 50_003]
+
+
 def test_files_that_are_left_out_are_gaps() -> None:
     losses = Losses(None)
     take(losses, [0, 2, 3], seq=[0, 2, 3], left_out={1: 1})

@@ -8,9 +8,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -19,12 +21,23 @@ from exumi_data.catalog import episode_path, read_catalog
 from exumi_data.cli.app import app
 from exumi_data.episode import open_episode
 from exumi_data.errors import UsageError
+from exumi_recorders.contract import Event
+from exumi_recorders.finalise.episode import finalise, inspect
 from exumi_recorders.finalise.recover import find_journals, recover
 from exumi_recorders.journal.log import segment_name
+from exumi_recorders.journal.record import HEADER_BYTES
 from exumi_recorders.journal.states import discard, journal_folder, read_state, undo_discard
 from exumi_validators import validate
 from tests.exumi_recorders.finalise.journals import make_dataset, make_journal, samples
-from tests.exumi_recorders.numbered import CAMERA, POSE, counter, episode, number_of
+from tests.exumi_recorders.numbered import (
+    CAMERA,
+    PAYLOADS,
+    PORTS,
+    POSE,
+    counter,
+    episode,
+    number_of,
+)
 
 PROGRAM = "tests.exumi_recorders.recording_process"
 
@@ -55,6 +68,11 @@ def contents(folder: Path) -> dict[str, bytes]:
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
+
+
+def spoil_header(journal: Path) -> None:
+    (journal / "header.json").write_text("{")
+    shutil.rmtree(journal / "header")
 
 
 def check_episode(dataset: Path) -> dict[str, int]:
@@ -175,12 +193,42 @@ def test_a_journal_whose_removal_was_interrupted_is_removed(dataset: Path) -> No
     assert not journal.exists()
 
 
+def test_half_a_journal_is_never_taken_for_one(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The power goes while the journal is removed, and then the episode is moved away."""
+    streams = {"pose": (POSE, samples("pose", 5, 90.0)), "camera": (CAMERA, samples("camera", 5))}
+    journal = make_journal(dataset, streams)
+    real = shutil.rmtree
+
+    def interrupted(path: Path, ignore_errors: bool) -> None:
+        if path.exists():
+            real(path / "camera")
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("exumi_recorders.finalise.episode.shutil.rmtree", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            recover([journal])
+    shutil.move(dataset / episode_path(episode().id), dataset.parent / "moved.zarr")
+    assert recover([dataset]).done == ()
+    assert list((dataset / ".recording").iterdir()) == []
+    assert not (dataset / episode_path(episode().id)).exists()
+
+
+def test_a_journal_that_another_one_finalised_meanwhile(dataset: Path) -> None:
+    journal = make_journal(dataset, {"pose": (POSE, samples("pose", 5, 90.0))})
+    recover([journal])
+    again = finalise(journal)
+    assert (again.outcome, again.episode) == ("present", dataset / episode_path(episode().id))
+
+
 def test_one_bad_journal_does_not_keep_the_others(dataset: Path) -> None:
     streams = {"pose": (POSE, samples("pose", 5, 90.0))}
     first, second, third = (
         make_journal(dataset, streams, metadata=episode(number)) for number in (1, 2, 3)
     )
-    (second / "header.json").write_text("{")
+    spoil_header(second)
     before = contents(second)
     result = recover([dataset])
     assert [one.journal for one in result.done] == [first, third]
@@ -189,11 +237,92 @@ def test_one_bad_journal_does_not_keep_the_others(dataset: Path) -> None:
     assert contents(second) == before
 
 
+@pytest.mark.parametrize("content", [None, b"", b"{", b'{"a": "\xff"}', b"other"])
+def test_a_damaged_header_is_taken_from_its_copy(dataset: Path, content: bytes | None) -> None:
+    journal = make_journal(dataset, {"pose": (POSE, samples("pose", 5, 90.0))})
+    path = journal / "header.json"
+    if content is None:
+        path.unlink()
+    else:
+        # The last one is a document that can be read, and says something else.
+        other = path.read_bytes().replace(b'"toy"', b'"tay"')
+        path.write_bytes(other if content == b"other" else content)
+    (one,) = recover([dataset]).done
+    assert (one.outcome, one.samples) == ("finalised", {"pose": 5})
+    assert [damage.path for damage in one.damages] == [path]
+    with open_episode(dataset / episode_path(episode().id)) as found:
+        assert found.metadata.task.name == "toy"
+        (note,) = found.metadata.quality
+        assert note.code == "journal-damaged"
+        assert "header.json at 0" in note.message
+
+
+@pytest.mark.parametrize("log", ["header", "events", "clock"])
+def test_damage_beside_the_samples_costs_none_of_them(dataset: Path, log: str) -> None:
+    journal = make_journal(
+        dataset, {"pose": (POSE, samples("pose", 5, 90.0))}, events=[Event("key", 1)]
+    )
+    path = journal / log / segment_name(0)
+    path.write_bytes(path.read_bytes()[:-3])
+    (one,) = recover([dataset]).done
+    assert one.samples == {"pose": 5}
+    # The header itself is whole: its copy is not needed.
+    assert [damage.path for damage in one.damages] == ([] if log == "header" else [path])
+    with open_episode(dataset / episode_path(episode().id)) as found:
+        assert len(found.metadata.quality) == len(one.damages)
+
+
+@pytest.mark.parametrize(("name", "step"), [("pose", 1), ("camera", 31)])
+def test_a_log_is_cut_in_its_last_record(dataset: Path, name: str, step: int) -> None:
+    given = samples(name, 8, 30.0)
+    journal = make_journal(dataset, {name: (PORTS[name], given)})
+    log = journal / name / segment_name(0)
+    whole, size = log.read_bytes(), HEADER_BYTES + len(PAYLOADS[name](7))
+    for rest in range(0, size, step):
+        os.truncate(log, len(whole) - size + rest)
+        found = inspect(journal)
+        assert found.samples == {name: 7}
+        reported = [(damage.path, damage.bytes) for damage in found.damages]
+        assert reported == ([(log, rest)] if rest else [])
+        log.write_bytes(whole)
+    log.write_bytes(whole[: -size // 2])
+    assert recover([dataset]).done[0].samples == {name: 7}
+    path = dataset / episode_path(episode().id)
+    assert [one for one in validate(path).problems if one.severity == "error"] == []
+
+
+def test_random_corruption_of_any_file_costs_only_what_it_hits(dataset: Path) -> None:
+    given = {"pose": (POSE, samples("pose", 30, 90.0)), "camera": (CAMERA, samples("camera", 9))}
+    rng = np.random.default_rng(5)
+    for number in range(1, 15):
+        journal = make_journal(dataset, given, metadata=episode(number), state="recording")
+        files = sorted(
+            path for path in journal.rglob("*") if path.is_file() and path.stat().st_size
+        )
+        path = files[number % len(files)]
+        spoilt = bytearray(path.read_bytes())
+        for at in rng.integers(len(spoilt), size=2):
+            spoilt[at] ^= int(rng.integers(1, 256))
+        path.write_bytes(spoilt)
+        (one,) = recover([journal]).done
+        assert one.samples is not None
+        for name, (_, sent) in given.items():
+            missing = len(sent) - one.samples[name]
+            told = sum(each.bytes > 0 for each in one.damages if each.path.parent.name == name)
+            assert bool(told) == bool(missing) == (path.parent.name == name), path
+            assert missing <= 2
+        target = dataset / episode_path(episode(number).id)
+        assert [each for each in validate(target).problems if each.severity == "error"] == []
+
+
 def test_a_full_disk_keeps_the_journal(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     journal = make_journal(dataset, {"pose": (POSE, samples("pose", 5, 90.0))})
     before = contents(journal)
+    reserve = dataset / ".recording" / ".reserve"
+    reserve.write_bytes(b"left by a crash")
 
     def full(*_: object, **__: object) -> None:
+        assert not reserve.exists()  # its room was given back before it was needed
         raise OSError(28, "No space left on device", str(dataset))
 
     with monkeypatch.context() as patch:
@@ -223,7 +352,8 @@ def test_a_journal_that_was_never_begun_goes(dataset: Path) -> None:
     assert not journal.exists()
     journal = make_journal(dataset, {"pose": (POSE, samples("pose", 2))})
     (journal / "header.json").unlink()
-    assert "no header.json" in recover([journal]).failed[0][1]
+    shutil.rmtree(journal / "header")
+    assert "header.json" in recover([journal]).failed[0][1]
     assert journal.exists()
 
 
@@ -245,6 +375,25 @@ def test_the_catalog_grows(dataset: Path) -> None:
     make_journal(dataset, {"pose": (POSE, samples("pose", 5))}, metadata=episode(3))
     assert "exumi index" in recover([dataset]).notices[0]
     assert (dataset / "catalog.parquet").read_text() == "no catalog"
+
+
+def test_finalising_at_the_same_time_loses_nothing_of_the_catalog(dataset: Path) -> None:
+    journals = [
+        make_journal(dataset, {"pose": (POSE, samples("pose", 5))}, metadata=episode(number))
+        for number in range(1, 9)
+    ]
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda journal: recover([journal]), journals))
+    table = read_catalog(dataset)
+    assert table is not None
+    assert table.num_rows == len(journals)
+
+
+def test_a_folder_whose_name_is_no_text(tmp_path: Path) -> None:
+    dataset = make_dataset(tmp_path / "\udcff")
+    make_journal(dataset, {"pose": (POSE, samples("pose", 5))})
+    result = recover([dataset])
+    assert ([one.outcome for one in result.done], result.notices) == (["finalised"], ())
 
 
 def test_paths_that_hold_no_journal_are_refused(tmp_path: Path, dataset: Path) -> None:
@@ -283,7 +432,7 @@ def test_the_command_says_what_it_did(dataset: Path) -> None:
 
 def test_the_command_fails_where_a_journal_does(dataset: Path) -> None:
     journal = make_journal(dataset, {"camera": (CAMERA, samples("camera", 2))})
-    (journal / "header.json").write_text("{")
+    spoil_header(journal)
     result = CliRunner().invoke(app, ["recover", str(dataset)])
     assert result.exit_code == 1
     assert "header.json" in result.stderr

@@ -109,7 +109,7 @@ def test_a_port_that_cannot_be_recorded_is_refused(wrong: dict[str, Any]) -> Non
         port_document(port(POSE, **wrong))
 
 
-@pytest.mark.parametrize("name", ["events", "clock", "calibration", "../up", "Upper", ""])
+@pytest.mark.parametrize("name", ["events", "clock", "header", "calibration", "../up", "Upper", ""])
 def test_streams_have_names_that_are_folders_of_their_own(name: str) -> None:
     with pytest.raises(ValidationError):
         header(**{name: POSE})

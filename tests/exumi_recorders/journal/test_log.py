@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from exumi_recorders.journal import reading
 from exumi_recorders.journal.log import LogWriter, is_full, segment_name
 from exumi_recorders.journal.reading import LogReader
 from exumi_recorders.journal.record import (
@@ -182,6 +183,29 @@ def test_a_file_of_magics_is_read_in_bounded_time(tmp_path: Path) -> None:
     assert len(reader.damages) == 1
 
 
+def test_records_of_another_log_are_passed_over_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after a mistake with files: each of many records begins like one of this log."""
+    write_log(tmp_path / "log", [b"ab"])
+    strange = b"".join(record(number, b"ab", salt=SALT + 1) for number in range(1, 30_000))
+    path = tmp_path / "log" / segment_name(0)
+    path.write_bytes(path.read_bytes() + strange)
+    seen, real = 0, reading._Segment.read
+
+    def read(self: reading._Segment, offset: int, length: int) -> bytes:
+        nonlocal seen
+        found = real(self, offset, length)
+        seen += len(found)
+        return found
+
+    monkeypatch.setattr(reading._Segment, "read", read)
+    found, reader = read_log(tmp_path / "log")
+    assert list(found) == [0]
+    assert [damage.bytes for damage in reader.damages] == [len(strange)]
+    assert seen < 8 * len(strange)
+
+
 def test_a_missing_segment_and_a_missing_log_are_told(tmp_path: Path) -> None:
     payloads = [bytes([number]) * 20 for number in range(30)]
     write_log(tmp_path / "log", payloads, segment_bytes=300)
@@ -280,6 +304,8 @@ def test_what_is_flushed_is_told(tmp_path: Path) -> None:
     told = [(path.name, length) for path, length in log.close()]
     assert told == [(segment_name(1), size), (segment_name(2), size)]
     assert log.close() == []
+    with pytest.raises(OSError, match="the log is closed"):
+        log.append(pieces([3], [b""]))
 
 
 def test_none_is_no_time() -> None:

@@ -1,11 +1,12 @@
 """States of a journal, and the room that it needs."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from exumi_data.errors import EpisodeExistsError, UsageError
+from exumi_data.errors import EpisodeExistsError, UnsupportedError, UsageError
 from exumi_recorders.contract import Blocks, Port, Rows
 from exumi_recorders.journal import space
 from exumi_recorders.journal.header import JournalHeader, StreamHeader, port_document
@@ -147,3 +148,16 @@ def test_the_reserve_is_real_room(tmp_path: Path) -> None:
     assert not reserve.path.exists()
     Reserve(tmp_path, 0).hold()
     assert not reserve.path.exists()
+
+
+def test_a_state_of_a_newer_version_is_not_taken_for_a_crash(tmp_path: Path) -> None:
+    writer = make(tmp_path)
+    writer.stop()
+    discard(writer.path, "dropped the cup")
+    path = writer.path / STATE_NAME
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps(document | {"version": "1.9", "mood": "good"}))
+    assert read_state(writer.path).state == "discarded"
+    path.write_text(json.dumps(document | {"version": "2.0"}))
+    with pytest.raises(UnsupportedError, match="newer"):
+        read_state(writer.path)

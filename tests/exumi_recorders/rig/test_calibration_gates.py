@@ -36,6 +36,11 @@ def test_an_encoder_without_a_map_fails() -> None:
     gate = gates_of("width", encoder_port(), width_map=item(MAP))["width_map"]
     assert (gate.verdict, gate.found) == ("pass", "2 points")
     assert "width_map" not in gates_of("force", port())
+    long = {"raw_to_data": {"raw": [400, 9000], "data": [0.0, 0.08]}}
+    gate = gates_of("width", encoder_port(), width_map=item(long))["width_map"]
+    assert gate.verdict == "fail"
+    assert "goes over 8600 counts" in gate.found
+    assert "by `home`" in gate.what_to_do
 
 
 @pytest.mark.parametrize(
@@ -69,6 +74,16 @@ def test_latencies_grow_old(age: timedelta | None, verdict: str, found: str) -> 
     assert bool(gate.what_to_do) == (verdict == "warn")
 
 
+@pytest.mark.parametrize("time", ["2026-02-30T12:00:00Z", "0000-01-01T00:00:00Z"])
+def test_days_that_cannot_be(time: str) -> None:
+    known = item(1, unit="ns").model_copy(update={"time": time})
+    gate = gates_of("pose", port("pose"), latency__pose=known)["latency"]
+    assert (gate.verdict, gate.found.split(", ")[1]) == ("warn", "of an unknown day")
+    leap = item(1, unit="ns").model_copy(update={"time": "2016-12-31T23:59:60.123456789Z"})
+    gate = gates_of("pose", port("pose"), latency__pose=leap)["latency"]
+    assert "days old" in gate.found
+
+
 def test_latencies_that_are_missing_or_no_number() -> None:
     assert gates_of("tactile", camera_port())["latency"].verdict == "warn"
     assert gates_of("width", encoder_port())["latency"].verdict == "pass"
@@ -76,6 +91,9 @@ def test_latencies_that_are_missing_or_no_number() -> None:
     assert gates_of("pose", port("pose"), latency__pose=wrong)["latency"].verdict == "fail"
     seconds = item(0.0125, unit="s", age=timedelta(0))
     assert gates_of("pose", port("pose"), latency__pose=seconds)["latency"].verdict == "fail"
+    for value in (60_000_000_001, -1e300, 10**400):
+        wrong = item(value, unit="ns", age=timedelta(0))
+        assert gates_of("pose", port("pose"), latency__pose=wrong)["latency"].verdict == "fail"
     assert "latency" not in gates_of("headset", port("pose", name="headset"))
     assert "latency" not in gates_of("sound", port("audio"))
 

@@ -4,7 +4,7 @@ import shutil
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,14 @@ from exumi_recorders.calibration.files import Calibration, array_path, write_cal
 from exumi_recorders.journal import space
 from exumi_recorders.rig import probing
 from exumi_recorders.rig.checking import RigReport, check_rig, disk_gate, hook_gates
+from exumi_recorders.rig.devices import recorded_devices
 from exumi_recorders.rig.gate import Gate
 from exumi_recorders.rig.loading import load_rig, parse_rig
 from exumi_recorders.rig.model import Rig
+from exumi_recorders.rig.touch_gates import touch_gates
 from exumi_recorders.simulated.camera_setup import CameraSetup
 from exumi_recorders.simulated.serving import serve_frames
-from tests.exumi_recorders.rig.probes import camera_port, gel, shot
+from tests.exumi_recorders.rig.probes import camera_port, gel, pressed, shot
 
 RIG = """
 format = "exumi-rig"
@@ -57,7 +59,7 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def write_rig(folder: Path, text: str = "", *, gap: float = 2.0, calibrated: bool = True) -> Rig:
     if calibrated:
-        counts = {"raw": [-4000, 8000], "data": [-0.5, 1.0]}
+        counts = {"raw": [2000, 6000], "data": [-0.5, 1.0]}
         items = {"width_map": CalibrationItem(value={"raw_to_data": counts})}
         arrays: dict[str, Any] = {}
         for name, seed in SIDES.items():
@@ -75,7 +77,7 @@ def verdicts(report: RigReport) -> dict[tuple[str, str], str]:
 
 
 @contextmanager
-def fingers(folder: Path, shown: dict[str, int]) -> Iterator[str]:
+def fingers(folder: Path, shown: dict[str, int], touched: Collection[str] = ()) -> Iterator[str]:
     """Two cameras on sockets that show gels; yield their part of a rig file."""
     text = ""
     stop = threading.Event()
@@ -83,8 +85,8 @@ def fingers(folder: Path, shown: dict[str, int]) -> Iterator[str]:
     for name, seed in shown.items():
         place = str(folder / f"{name}.sock")
         setup = CameraSetup(socket=place, epoch_ns=time.monotonic_ns(), width=128, height=96)
-        picture = shot(gel(seed))
-        content = {"content": lambda _, picture=picture: picture}
+        seen = {False: shot(gel(seed)), True: shot(pressed(gel(seed)))}
+        content = {"content": lambda _, name=name, seen=seen: seen[name in touched]}
         threads.append(
             threading.Thread(target=serve_frames, args=(setup,), kwargs={**content, "stop": stop})
         )
@@ -229,3 +231,43 @@ def test_the_least_rate_is_the_rig_files(tmp_path: Path) -> None:
     assert small().limits.least_rate == 0.8
     rig = small(limits={"least_rate": 0.4})
     assert rig.limits.least_rate == np.float64(0.4)
+
+
+def touched_gates(folder: Path, hand: dict[str, str]) -> dict[str, Gate]:
+    """Fingers that look alike; `hand` says which camera sees the finger that is asked for."""
+    touched: set[str] = set()
+
+    def ask(prompt: str) -> str:
+        name = prompt.split()[4].removeprefix("tactile_")
+        touched.clear()
+        touched.update({hand[name]} - {""})
+        return ""
+
+    with fingers(folder, {"left": 1, "right": 1}, touched) as text:
+        rig = write_rig(folder, text, calibrated=False)
+        streams = [
+            stream
+            for device in probing.probe(recorded_devices(rig), 0.4)
+            for stream in device.streams.values()
+        ]
+        found = touch_gates(rig, streams, ask, seconds=0.4)
+    return {gate.where: gate for gate in found}
+
+
+def test_fingers_that_look_alike_are_told_apart_by_touch(tmp_path: Path) -> None:
+    found = touched_gates(tmp_path, {"left": "left", "right": "right"})
+    assert [gate.verdict for gate in found.values()] == ["pass", "pass"]
+
+
+def test_plugs_that_are_exchanged_are_found_by_touch(tmp_path: Path) -> None:
+    found = touched_gates(tmp_path, {"left": "right", "right": ""})
+    gate = found["tactile_left"]
+    assert gate.verdict == "fail"
+    assert gate.found.startswith("tactile_right saw it")
+    assert "exchange" in gate.what_to_do
+    assert found["tactile_right"].verdict == "warn"  # nobody pressed
+
+
+def test_one_finger_cannot_be_exchanged(tmp_path: Path) -> None:
+    gates = touch_gates(write_rig(tmp_path), [], pytest.fail)
+    assert [gate.verdict for gate in gates] == ["skipped"]

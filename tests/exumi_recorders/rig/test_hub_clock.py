@@ -25,6 +25,7 @@ def test_a_board_without_a_clock_begins_in_1970() -> None:
 def test_no_calibration_is_of_tomorrow() -> None:
     assert verdicts(NOW, None, "2026-03-01T12:10:00Z")[0] == "pass"
     assert verdicts(NOW, None, "2026-03-01T12:10:01Z")[0] == "fail"
+    assert verdicts(NOW, None, "0001-01-01T00:00:00Z", "2026-02-30T00:00:00Z")[0] == "pass"
 
 
 def test_synchronisation() -> None:

@@ -46,6 +46,9 @@ def test_nothing_is_overwritten_unless_it_is_said(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="there already"):
         write_template("exumi", path)
     assert path.read_text("utf-8") == "mine"
+    (tmp_path / "link.toml").symlink_to("gone.toml")
+    with pytest.raises(UsageError, match="there already"):
+        write_template("exumi", tmp_path / "link.toml")
     write_template("exumi", path, force=True)
     assert path.read_text("utf-8") == template("exumi")
 

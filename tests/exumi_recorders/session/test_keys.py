@@ -32,25 +32,29 @@ def test_keys_and_a_terminal_as_it_was(terminal: tuple[int, int]) -> None:
     ours, its = terminal
     before = termios.tcgetattr(its)
     heard: list[str] = []
-    with os.fdopen(its, closefd=False) as stdin, read_keys(heard.append, stdin) as there:
+
+    def hear(name: str, reason: str) -> None:
+        heard.append(f"{name} {reason}".strip())
+
+    with os.fdopen(its, closefd=False) as stdin, read_keys(hear, stdin) as there:
         assert there
         # Several at once are several: none waits for the next one.
-        os.write(ours, b" Dxu")
-        until(lambda: len(heard) == 3)
+        os.write(ours, b" Dx02u")
+        until(lambda: len(heard) == 4)
         # An arrow key ends in a letter; and Ctrl-S and Ctrl-Z do not stop the recording.
         os.write(ours, b"\x1b[D")
         time.sleep(0.3)
         os.write(ours, b"\x13\x1a")
         os.write(ours, b"q")
-        until(lambda: len(heard) == 4)
-        assert heard == ["toggle", "discard", "undo", "quit"]
+        until(lambda: len(heard) == 5)
+        assert heard == ["toggle", "discard", "reason 2", "undo", "quit"]
         assert not termios.tcgetattr(its)[3] & termios.ECHO
     assert termios.tcgetattr(its) == before
 
 
 def test_a_terminal_that_goes_away() -> None:
     ours, its = pty.openpty()
-    with os.fdopen(its) as stdin, read_keys(lambda _: None, stdin) as there:
+    with os.fdopen(its) as stdin, read_keys(lambda *_: None, stdin) as there:
         assert there
         os.close(ours)
         began = time.monotonic()
@@ -58,7 +62,7 @@ def test_a_terminal_that_goes_away() -> None:
 
 
 def test_no_terminal() -> None:
-    with Path(os.devnull).open() as nothing, read_keys(lambda _: None, nothing) as there:
+    with Path(os.devnull).open() as nothing, read_keys(lambda *_: None, nothing) as there:
         assert not there
 
 

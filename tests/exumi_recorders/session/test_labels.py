@@ -17,6 +17,22 @@ def test_words_become_ids() -> None:
     assert (said.procedure, said.pad_type, said.trial) == ("slide", "plain", 3)
 
 
+@pytest.mark.parametrize(
+    ("words", "known"),
+    [
+        ("杯子", "杯子"),
+        ("Tasse für Öl", "tasse-für-öl"),
+        ("कप", "कप"),
+        ("Ｍｕｇ № 1_b", "mug-no-1-b"),
+        ("../etc/\n\x1b[31m", "..-etc-31m"),
+    ],
+)
+def test_words_of_all_languages_become_ids(words: str, known: str) -> None:
+    said = TouchLabels(words).annotations(1)
+    assert said is not None
+    assert (said.object, said.object_id) == (words, known)
+
+
 def test_nothing_said() -> None:
     assert TouchLabels().annotations(1) is None
 
@@ -27,7 +43,7 @@ def test_only_a_pad() -> None:
     assert said.model_dump(exclude_unset=True) == {"pad_type": "dotted"}
 
 
-@pytest.mark.parametrize("labels", [{"part": "handle"}, {"object": "?!"}])
+@pytest.mark.parametrize("labels", [{"part": "handle"}, {"object": "?! 😀"}])
 def test_words_that_do_not_do(labels: dict[str, str]) -> None:
     with pytest.raises(UsageError):
         TouchLabels(**labels)  # type: ignore[arg-type]  # only words

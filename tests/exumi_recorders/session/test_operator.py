@@ -6,7 +6,9 @@ import json
 import os
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -18,7 +20,8 @@ from exumi_recorders.recording.status import (
 )
 from exumi_recorders.session.messages import Message, SessionStatus
 from exumi_recorders.session.operator import Operator, age_text
-from exumi_recorders.session.terminal import draw_status
+from exumi_recorders.session.session import Session
+from exumi_recorders.session.terminal import draw_status, status_document
 
 STREAMS = (
     StreamStatus(
@@ -40,6 +43,7 @@ STREAMS = (
         lost={"sequence": 3},
         queue_bytes=160_000,
     ),
+    StreamStatus(name="opening", device="encoder", kind="width", rate_hz=500.0, age_s=0.002),
 )
 RECORDING = RecordingStatus(
     recording=True,
@@ -66,6 +70,7 @@ STATUS = SessionStatus(
     undecided=False,
     disk_minutes=42.4,
     next_trial=4,
+    widths_m={"opening": 0.0423},
 )
 
 
@@ -77,15 +82,51 @@ def test_all_that_the_operator_has_to_see() -> None:
     lines = console.export_text().splitlines()
     assert "REC" in lines[0]
     assert "13.7 s  42 MB   3 kept, 1 discarded, 1 being finished · trial 4" in lines[0]
-    rows = {line.split()[0]: line.split() for line in lines[1:4]}
+    rows = {line.split()[0]: line.split() for line in lines[2:6]}
     assert rows["pose"] == ["pose", "90.0", "0.30", "11", "0", "1,234", "0"]
     assert rows["tactile_left"] == ["tactile_left", "-", "-", "1500", "160", "400", "5"]
-    rest = "\n".join(lines[4:])
-    assert "magnet True, agc 64" in rest
+    assert lines[1] == "! left: left is gone: [unplugged]."
+    rest = "\n".join(lines[6:])
+    assert "encoder: magnet True, agc 64, width 42.3 mm" in rest
     assert "left: not connected" in rest
-    assert "! left: left is gone: [unplugged]." in rest
     assert "disk 42 min · sync 2 h old · http://127.0.0.1:8642/" in rest
     assert "d discard" in rest
+
+
+def drawn(width: int, height: int) -> list[str]:
+    from rich.console import Console
+
+    console = Console(record=True, width=width, file=io.StringIO())
+    console.print(
+        draw_status(
+            STATUS, sync="2 h old", preview="http://127.0.0.1:8642/", width=width, height=height
+        )
+    )
+    return console.export_text().splitlines()
+
+
+@pytest.mark.parametrize("width", [20, 40, 60, 80, 200])
+@pytest.mark.parametrize("height", [1, 3, 5, 8, 12, 60])
+def test_it_fits_every_terminal(width: int, height: int) -> None:
+    lines = drawn(width, height)
+    assert len(lines) <= max(height - 1, 2)
+    assert max(map(len, lines)) <= width
+    assert "REC" in lines[0]
+    assert lines[1].startswith("! left: left")
+
+
+def test_what_there_is_no_room_for_is_left_out() -> None:
+    narrow = drawn(40, 24)
+    assert narrow[2].split() == ["stream", "Hz", "age", "ms", "lost"]
+    assert narrow[4].split() == ["tactile_left", "-", "1500", "5"]
+    short = drawn(100, 8)
+    assert [line.split()[0] for line in short[2:]] == [
+        "stream",
+        "pose",
+        "tactile_left",
+        "opening",
+        "disk",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -128,6 +169,14 @@ def test_nobody_is_there(as_json: bool, monkeypatch: pytest.MonkeyPatch) -> None
         monkeypatch.undo()
 
 
+def test_a_reading_that_is_no_number_does_not_end_the_stream() -> None:
+    device = DeviceStatus(name="d", connected=True, readings={"gain": float("nan"), "agc": 3})
+    status = replace(STATUS, recording=replace(RECORDING, devices=(device,)))
+    document = status_document(status, sync_age_s=None)
+    assert document["devices"][0]["readings"] == {"gain": None, "agc": 3}
+    json.dumps(document, allow_nan=False)
+
+
 def test_everything_is_said_to_who_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "said"
     with path.open("w", encoding="utf-8") as file:
@@ -140,3 +189,12 @@ def test_everything_is_said_to_who_reads(tmp_path: Path, monkeypatch: pytest.Mon
     said = [json.loads(line) for line in path.read_text().splitlines()]
     assert said[0]["text"] == 'a "quoted" [bold] \n text é'
     assert said[-1] == {"type": "report", "episodes": []}
+
+
+def test_the_age_of_the_calibration_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    operator = Operator(keys=False)
+    now = time.monotonic()
+    operator.attend(cast(Session, None), sync_age_s=60.0, preview=None)
+    assert operator.sync_age_s == pytest.approx(60.0, abs=1.0)
+    monkeypatch.setattr(time, "monotonic", lambda: now + 3600)
+    assert operator.sync_age_s == pytest.approx(3660.0, abs=1.0)

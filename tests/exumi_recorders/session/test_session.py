@@ -48,7 +48,14 @@ def test_an_operator_at_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         assert read_state(tombstone).reason == "bumped"
         run.do("discard", says="nothing")
         run.do("failure", says="nothing")
+        assert run.do("reason", "2", says="reason").text == "because: tracking was lost"
+        assert read_state(tombstone).reason == "tracking was lost"
+        run.do("reason", "9", says="nothing")
+        run.do("reason", "the door slammed", says="reason")
+        assert read_state(tombstone).reason == "the door slammed"
         run.do("undo", says="undone")
+        run.do("reason", "1", says="nothing")
+        assert read_state(tombstone).reason is None
         run.do("undo", says="nothing")
         # Nobody takes it back again: it becomes an episode, and cannot be discarded any more.
         run.wait("kept")
@@ -155,6 +162,15 @@ def test_a_disk_with_too_little_room_refuses_to_begin(
         (problem,) = run.ended().problems
     assert "there is room for" in problem
     assert list_journals(run.dataset) == []
+
+
+def test_the_last_episode_does_not_wait_for_a_long_pause(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session_module, "_UNDO_S", 0.2)
+    plan = Plan(task="toy", duration_s=0.5, auto=True, pause_s=1e300, episodes=1)
+    with Running(tmp_path, [Toy(POSE)], plan) as run:
+        assert len(run.ended().finished) == 1
 
 
 def test_a_full_disk_ends_the_episode_and_the_operator_is_told(

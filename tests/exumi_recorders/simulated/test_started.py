@@ -20,7 +20,8 @@ SIZE = {"width": 64, "height": 48, "rate": "50"}
 
 @pytest.fixture
 def camera(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
-    socket = tmp_path / "s"
+    socket = tmp_path / "rig" / "s"
+    socket.parent.mkdir()
     shown = {"shows": "rgb", "live": True, "bands": 1, "exposures": 1, "play": {"duration_s": 3}}
     options = json.dumps({"socket": str(socket), "epoch_ns": 0, **SIZE, **shown})
     command = [sys.executable, "-m", "exumi_recorders.simulated.started", "camera", options]
@@ -44,6 +45,8 @@ def test_a_camera_waits_for_the_start_of_the_session(
     assert all(sample.time_host_ns > epoch_ns for sample in found)
     process.stdin.close()
     assert process.wait(5) == 0
+    # Whoever has started it may have been killed: nobody else would tidy up.
+    assert not socket.parent.exists()
 
 
 def test_it_ends_when_nobody_says_when_to_begin(
@@ -53,7 +56,7 @@ def test_it_ends_when_nobody_says_when_to_begin(
     assert process.stdin is not None
     process.stdin.close()
     assert process.wait(20) == 0
-    assert not socket.exists()
+    assert not socket.parent.exists()
 
 
 def frames(socket: Path, count: int) -> list[Sample]:

@@ -102,10 +102,13 @@ def _width_maps(
 @check("CAL-005")
 def mapped(episode: EpisodeContext) -> Iterator[Problem]:
     """Judge that a map from raw values to widths is one."""
-    for _, _, key, stated in _width_maps(episode):
-        if key is not None and isinstance(stated, str):
+    for _, stream, key, stated in _width_maps(episode):
+        detail = stated
+        if isinstance(stated, RawToData):
+            detail = stated.beyond_a_turn(stream.raw.modulus if stream.raw else None)
+        if key is not None and detail is not None:
             pointer = (*EXUMI, "calibration", key, "value", KEY)
-            yield problem("CAL-005", ROOT, pointer=pointer, found=key, detail=stated)
+            yield problem("CAL-005", ROOT, pointer=pointer, found=key, detail=detail)
 
 
 @check("CAL-006")

@@ -1,0 +1,165 @@
+"""Chunks decode to what was stored; none makes an object, or more than its size."""
+
+import bz2
+import contextlib
+import gzip
+import lzma
+import pickle
+import tracemalloc
+import zlib
+from typing import Any
+
+import imagecodecs
+import numcodecs
+import numpy as np
+import pytest
+from imagecodecs.numcodecs import register_codecs
+
+from exumi_converters.umi.chunk_codecs import check_codec, check_filters, decode_chunk
+from exumi_data.errors import ExumiError, SourceError, UnsupportedError
+
+register_codecs(verbose=False)
+
+FRAME = np.random.default_rng(0).integers(0, 255, (1, 24, 20, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        None,
+        {"id": "zlib", "level": 1},
+        {"id": "gzip", "level": 1},
+        {"id": "bz2", "level": 1},
+        {"id": "lzma", "format": 1, "check": -1, "preset": None, "filters": None},
+        {"id": "blosc", "cname": "lz4", "clevel": 5, "shuffle": 1, "blocksize": 0},
+        {"id": "lz4", "acceleration": 1},
+        {"id": "zstd", "level": 1},
+        {"id": "imagecodecs_jpegxl", "lossless": True},
+        {"id": "imagecodecs_jpeg2k"},
+        {"id": "imagecodecs_png"},
+        {"id": "imagecodecs_webp", "lossless": True},
+        {"id": "imagecodecs_jpegls"},
+        {"id": "imagecodecs_zstd"},
+        {"id": "imagecodecs_deflate"},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("channels", [1, 3])
+def test_what_a_codec_encoded_is_decoded(config: dict[str, Any] | None, channels: int) -> None:
+    frame = np.ascontiguousarray(FRAME[..., :channels])
+    if config is not None and config["id"] == "imagecodecs_webp" and channels == 1:
+        pytest.skip("WebP has no grey")
+    data = frame.tobytes() if config is None else bytes(numcodecs.get_codec(config).encode(frame))
+    out = np.empty_like(frame)
+    decode_chunk(data, out, config, None, "here")
+    np.testing.assert_array_equal(out, frame)
+
+
+def test_parameters_of_other_versions_do_not_matter() -> None:
+    data = bytes(imagecodecs.jpegxl_encode(FRAME[0], lossless=True))
+    config = {"id": "imagecodecs_jpegxl", "level": 99, "photometric": None, "from_tomorrow": 1}
+    check_codec(config, "here")
+    out = np.empty_like(FRAME)
+    decode_chunk(data, out, config, None, "here")
+    np.testing.assert_array_equal(out, FRAME)
+
+
+def test_filters_that_keep_the_size_are_undone() -> None:
+    values = np.arange(40, dtype="<i4")
+    filters: list[Any] = [{"id": "delta", "dtype": "<i4"}, {"id": "shuffle", "elementsize": 4}]
+    data: Any = values
+    for item in filters:
+        data = numcodecs.get_codec(dict(item)).encode(data)
+    check_filters(filters, "here")
+    out = np.empty_like(values)
+    decode_chunk(bytes(numcodecs.Zlib().encode(data)), out, {"id": "zlib"}, filters, "here")
+    np.testing.assert_array_equal(out, values)
+
+
+@pytest.mark.parametrize("name", ["pickle", "json2", "vlen-utf8", "categorize", "msgpack2"])
+def test_objects_are_refused_with_a_way_out(name: str) -> None:
+    with pytest.raises(UnsupportedError, match=r"objects.*Write the array again"):
+        check_codec({"id": name}, "here")
+    with pytest.raises(UnsupportedError, match="objects"):
+        check_filters([{"id": name}], "here")
+
+
+@pytest.mark.parametrize("config", [{"id": "nonsense"}, {"id": "imagecodecs_nonsense"}, {}])
+def test_an_unknown_codec_is_refused(config: dict[str, Any]) -> None:
+    with pytest.raises(UnsupportedError, match=r"Read are|Install"):
+        check_codec(config, "here")
+
+
+@pytest.mark.parametrize(
+    "item", [{"id": "packbits"}, {"id": "delta", "dtype": "<i4", "astype": "<i8"}]
+)
+def test_a_filter_that_grows_is_refused(item: dict[str, Any]) -> None:
+    with pytest.raises(UnsupportedError, match="filter"):
+        check_filters([item], "here")
+
+
+BOMB = b"\0" * 200_000_000
+LARGE = np.zeros((6000, 6000, 3), np.uint8)
+SMALL = np.empty((1, 8, 8, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("zlib", zlib.compress(BOMB)),
+        ("gzip", gzip.compress(BOMB, 1)),
+        ("bz2", bz2.compress(BOMB)),
+        ("lzma", lzma.compress(BOMB, preset=0)),
+        ("zstd", bytes(numcodecs.Zstd().encode(BOMB))),
+        ("blosc", bytes(numcodecs.Blosc("zstd").encode(BOMB))),
+        ("lz4", bytes(numcodecs.LZ4().encode(BOMB))),
+        ("imagecodecs_zstd", bytes(imagecodecs.zstd_encode(BOMB))),
+        (
+            "imagecodecs_jpegxl",
+            imagecodecs.jpegxl_encode(np.zeros((6000, 6000), np.uint8), effort=1),
+        ),
+        ("imagecodecs_png", imagecodecs.png_encode(np.zeros((6000, 6000, 3), np.uint8), level=1)),
+        ("imagecodecs_jpeg", imagecodecs.jpeg_encode(np.zeros((6000, 6000, 3), np.uint8))),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_bomb_takes_no_memory(name: str, data: bytes) -> None:
+    tracemalloc.start()
+    try:
+        with pytest.raises(SourceError):
+            decode_chunk(data, SMALL, {"id": name}, None, "here")
+        assert tracemalloc.get_traced_memory()[1] < 20_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_zstd_frame_of_unknown_size_is_refused() -> None:
+    frame = bytes([0x28, 0xB5, 0x2F, 0xFD, 0x00, 0x58, 0x01, 0x00, 0x00])
+    with pytest.raises(SourceError, match="does not say"):
+        decode_chunk(frame, SMALL, {"id": "zstd"}, None, "here")
+
+
+@pytest.mark.parametrize("name", ["imagecodecs_jpegxl", "blosc", "zstd", "lz4", "zlib"])
+def test_garbage_is_an_error(name: str) -> None:
+    data = np.random.default_rng(1).bytes(300)
+    with pytest.raises(ExumiError):
+        decode_chunk(data, np.empty_like(FRAME), {"id": name}, None, "here")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_garbled_image_is_an_image_or_an_error(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    data = bytearray(imagecodecs.jpegxl_encode(FRAME[0], lossless=True))
+    data[12 + seed :] = rng.bytes(len(data) - 12 - seed)
+    with contextlib.suppress(SourceError):
+        decode_chunk(bytes(data), np.empty_like(FRAME), {"id": "imagecodecs_jpegxl"}, None, "here")
+
+
+def test_a_pickle_is_not_run(tmp_path: Any) -> None:
+    class Evil:
+        def __reduce__(self) -> tuple[Any, ...]:
+            return (tmp_path.joinpath("run").touch, ())
+
+    with pytest.raises(ExumiError):
+        decode_chunk(pickle.dumps(Evil()), SMALL, None, [{"id": "pickle"}], "here")
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,93 @@
+"""Format umi keeps the contracts of converters and exporters, and loses what it says."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from exumi_converters import ConvertOptions, ExportOptions, convert, export
+from exumi_converters.registry import find_converter, find_exporter
+from exumi_converters.testing import check_converter, check_exporter, round_trip_differences
+from exumi_converters.umi.arrays import Buffer, open_buffer
+from exumi_data.dataset import open_dataset
+from tests.exumi_converters.umi.buffers import make_episode, write_buffer
+
+
+def test_the_converter_keeps_the_contract(buffer: Path, tmp_path: Path) -> None:
+    check_converter(find_converter("umi"), buffer, tmp_path)
+
+
+def test_the_exporter_keeps_the_contract(grasps: Path, tmp_path: Path) -> None:
+    small = ExportOptions(settings={"size": "32"})
+    check_exporter(find_exporter("umi"), grasps, tmp_path, small, name="out.zarr.zip")
+
+
+def test_a_round_trip_loses_exactly_what_is_listed(everything: Path, tmp_path: Path) -> None:
+    exporter = find_exporter("umi")
+    lost = round_trip_differences(exporter, find_converter("umi"), everything, tmp_path)
+    assert lost == set(exporter.loses)
+
+
+BUFFERS = st.fixed_dictionaries(
+    {
+        "robots": st.integers(1, 2),
+        "cameras": st.integers(1, 2),
+        "tactile": st.booleans(),
+        "size": st.sampled_from([16, 33]),
+    }
+)
+
+
+@settings(
+    max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    counts=st.lists(st.integers(2, 14), min_size=1, max_size=3),
+    seed=st.integers(0, 2**16),
+    kind=BUFFERS,
+    ending=st.sampled_from([".zarr", ".zarr.zip"]),
+    rows=st.sampled_from([None, 3]),
+)
+def test_a_buffer_comes_back_as_it_was(
+    tmp_path_factory: pytest.TempPathFactory,
+    counts: list[int],
+    seed: int,
+    kind: dict[str, Any],
+    ending: str,
+    rows: int | None,
+) -> None:
+    """Buffer, episodes, buffer: every number and every pixel of every channel."""
+    folder = tmp_path_factory.mktemp("trip")
+    episodes = [make_episode(count, seed + i, **kind) for i, count in enumerate(counts)]
+    source = write_buffer(folder / f"in{ending}", episodes, low_dim_rows=rows)
+    one = ConvertOptions(settings={"images": "lossless"}, workers=1, durable=False)
+    assert convert(source, folder / "dataset", options=one).converted == len(counts)
+    told = ExportOptions(settings={"images": "jpegxl-lossless", "size": "0"}, workers=1)
+    before = open_buffer(source)
+    start = 0
+    # Ids, and so episodes, are in another order: each is written alone.
+    for number, count in enumerate(counts):
+        target = folder / f"{number}{ending}"
+        export(_only(folder / "dataset", f"{number:06d}"), target, to_format="umi", options=told)
+        _check_same(before, start, start + count, open_buffer(target))
+        start += count
+
+
+def _check_same(before: Buffer, start: int, stop: int, after: Buffer) -> None:
+    assert after.ends.tolist() == [stop - start]
+    assert set(after.arrays) == set(before.arrays)
+    for name in before.arrays:
+        old = before.rows(name, start, stop).read()
+        new = after.rows(name, 0, stop - start).read()
+        assert new.dtype == old.dtype, name
+        near = 2e-7 if name.endswith("rot_axis_angle") else 0
+        np.testing.assert_allclose(new, old, rtol=0, atol=near, err_msg=name)
+
+
+def _only(dataset: Path, key: str) -> str:
+    found = open_dataset(dataset)
+    places = [i for i, episode in enumerate(found) if episode.metadata.source.key == key]
+    return found.episode_location(places[0])
