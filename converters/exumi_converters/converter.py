@@ -134,8 +134,8 @@ class EpisodeSource:
     parent_id : str, optional
         Of the episode that the source was written from.
     derived : tuple of str, optional
-        Derived arrays without which an episode of an earlier run is not complete, such as
-        ``tactile/activity``. Default: the activity of all tactile streams.
+        Derived arrays without which the episode is not complete; default: the activity of all
+        tactile streams.
     """
 
     key: str

@@ -242,7 +242,7 @@ def _number(name: str) -> tuple[int, int] | None:
 
 
 def list_frames(
-    path: Path, name: str, sha256: str | None = None, *, check: bool = False
+    path: Path, name: str, *, check: bool = False, sha256: str | None = None
 ) -> ClipFrames:
     """List a clip's frames by its packets.
 
@@ -251,10 +251,10 @@ def list_frames(
     path : pathlib.Path
     name : str
         What the episode calls the file.
-    sha256 : str, optional
-        Of the file, where it is known already.
     check : bool, optional
         Decode them all, and list only those that can be; else none is decoded.
+    sha256 : str, optional
+        Of the file, where it is known already.
 
     Raises
     ------

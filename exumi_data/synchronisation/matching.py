@@ -123,7 +123,7 @@ class CommonClock:
         Of the session's time, modulo a day: time zones and midnight play no part.
     scatter_s : float
     clips : int
-        How many agree.
+        How many agree; 0 where it is known otherwise.
     """
 
     ahead_s: float
@@ -352,9 +352,13 @@ def _note_clocks(matches: Sequence[Match], clock: CommonClock | None) -> None:
         off = _off_clock_s(match, clock)
         if off is not None and clock is not None and abs(off) > clock.window_s:
             match.doubts.append(
-                f"by the camera's clock, which {clock.clips} clips agree on, it should be "
+                f"by the camera's clock, {_known_by(clock)}, it should be "
                 f"{abs(off):.1f} s {'later' if off > 0 else 'earlier'}"
             )
+
+
+def _known_by(clock: CommonClock) -> str:
+    return f"which {clock.clips} clips agree on" if clock.clips else "as far as it is known"
 
 
 def _note_order(matches: Sequence[Match]) -> None:

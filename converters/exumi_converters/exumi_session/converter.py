@@ -157,7 +157,7 @@ class ExumiSessionConverter:
             by_role.setdefault(role, []).append(index)
         clip = by_role["clip"][0]
         path = item.files[clip].path
-        frames = list_frames(path, Path(item.files[clip].name).name, inputs[clip].sha256)
+        frames = list_frames(path, Path(item.files[clip].name).name, sha256=inputs[clip].sha256)
         writer.metadata.start = as_timestamp(plan.start_ns)
         writer.metadata.device = Device(name="exumi")
         writer.metadata.embodiment = Embodiment(name="exumi", gripper="parallel")

@@ -144,7 +144,7 @@ def _read(
     writer: EpisodeWriter, stream: str, files: FingerFiles, like: ClipFrames | None, first: int
 ) -> _Piece:
     stamps = read_stamps(files.table)
-    frames = list_frames(files.video, files.file.name, files.file.sha256)
+    frames = list_frames(files.video, files.file.name, sha256=files.file.sha256)
     if like is not None and (frames.height, frames.width) != (like.height, like.width):
         raise SourceError(
             f"its frames are {frames.width}x{frames.height}, those before {like.width}x"

@@ -23,12 +23,12 @@ from exumi_data.model import (
 from exumi_data.standard import flags
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.time import strictly_increasing
+from exumi_data.width_map import NOT_CALIBRATED, WIDTH_MAP
 
-__all__ = ["WIDTH_MAP", "StampedTimes", "add_readings", "stamped_times", "stream_clock"]
+__all__ = ["StampedTimes", "add_readings", "stamped_times", "stream_clock"]
 
 Int64Array = NDArray[np.int64]
 
-WIDTH_MAP = "width_map"
 _GAP_PERIODS = 2.5
 _FLAGS = {name: np.uint32(flag.mask) for name, flag in flags().items()}
 
@@ -166,7 +166,7 @@ def _add_widths(
             "width is known"
         )
         writer.metadata.quality.append(
-            QualityNote(code="no-gripper-calibration", message=message, stream="width")
+            QualityNote(code=NOT_CALIBRATED, message=message, stream="width")
         )
     else:
         raw.transform = WIDTH_MAP

@@ -120,7 +120,7 @@ def test_without_calibrations(small: HubSession, tmp_path: Path) -> None:
         assert (np.asarray(width.flags) & mask("invalid")).all()
         assert len(np.unique(width.array("raw"))) > 10
         codes = {note.code for note in episode.metadata.quality}
-        assert {"no-gripper-calibration", "pose-latency-assumed"} <= codes
+        assert {"width-not-calibrated", "pose-latency-assumed"} <= codes
     assert [p.message for p in validate(dataset.path).problems if p.severity == "error"] == []
     named = tmp_path / "other.json"
     named.write_text('{"metadata": {"unit": "cm"}, "calibration": [[1, 2]]}')

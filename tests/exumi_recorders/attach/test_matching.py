@@ -142,6 +142,22 @@ def test_clips_without_gyroscope_and_sessions_without_motion(
     assert match_clips(session_of(truth), []) == ([], None)
 
 
+def test_a_clock_that_is_known_decides_where_clips_do_not(
+    truth: tuple[np.ndarray, np.ndarray],
+) -> None:
+    speed = truth[1].copy()
+    speed[50_000:58_000] = speed[20_000:28_000]  # the same motion twice
+    twice = (truth[0], speed)
+    clip = candidate(1, 50.5, twice)
+    (match,), clock = match_clips(session_of(twice), [clip])
+    assert match.placement is None
+    assert clock is None
+    known = CommonClock(ahead_s=DAY_S - 52.0, scatter_s=2.0, clips=0)
+    (match,), clock = match_clips(session_of(twice), [clip], None, known)
+    assert starts([match]) == [50.5]
+    assert clock is known
+
+
 def test_the_common_clock_counts_from_midnight_to_midnight() -> None:
     clock = CommonClock(ahead_s=DAY_S - 5.0, scatter_s=0.05, clips=3)
     assert clock.away_s(1.0, np.array([6_000_000_000])).tolist() == pytest.approx([0.0])
