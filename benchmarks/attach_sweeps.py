@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from exumi_data.geometry import compose
-from exumi_recorders.attach.placing import Placement
-from exumi_recorders.attach.sweep_search import place_sweep
-from exumi_recorders.calibration.simulated_sweep import SimulatedSweep, SweepSettings
-from exumi_recorders.calibration.sweep import PoseTrack
-from exumi_recorders.calibration.timing import EXPOSURE_RANGE_S, READOUT_RANGE_S
-from exumi_recorders.simulated.demonstrations import simulate_demonstrations
+from exumi_data.simulation.demonstrations import simulate_demonstrations
+from exumi_data.simulation.sweep import SimulatedSweep, SweepSettings
+from exumi_data.synchronisation.placing import Placement
+from exumi_data.synchronisation.sweep import PoseTrack
+from exumi_data.synchronisation.sweep_search import place_sweep
+from exumi_data.synchronisation.timing import EXPOSURE_RANGE_S, READOUT_RANGE_S
 
 __all__ = ["Session", "main", "simulate"]
 

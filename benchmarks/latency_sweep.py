@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from measuring import describe_machine, report
 
-from exumi_recorders.calibration.items import CalibrationRefusedError
-from exumi_recorders.calibration.simulated_sweep import SweepSettings, simulate_sweep
-from exumi_recorders.calibration.sweep import MarkerTrack, PoseTrack, estimate_sweep
-from exumi_recorders.calibration.timing import (
+from exumi_data.calibration_items import CalibrationRefusedError
+from exumi_data.simulation.sweep import SweepSettings, simulate_sweep
+from exumi_data.synchronisation.sweep import MarkerTrack, PoseTrack, estimate_sweep
+from exumi_data.synchronisation.timing import (
     EXPOSURE_RANGE_S,
     HEADSET_LAG_RANGE_S,
     READOUT_RANGE_S,

@@ -11,6 +11,7 @@ from typing import TypeVar
 from exumi_converters.clips import ClipsConverter
 from exumi_converters.converter import Converter
 from exumi_converters.exporter import Exporter
+from exumi_converters.exumi_session import ExumiSessionConverter
 from exumi_converters.hdf5_files.reading import Hdf5Converter
 from exumi_converters.lerobot_dataset.reading import LeRobotConverter
 from exumi_converters.lerobot_dataset.writing import LeRobotExporter
@@ -41,6 +42,7 @@ EXPORT_ENTRY_POINTS = "exumi.exporters"
 
 _CONVERTERS: tuple[Converter, ...] = (
     ClipsConverter(),
+    ExumiSessionConverter(),
     Hdf5Converter(),
     LeRobotConverter(),
     McapConverter(),

@@ -35,6 +35,7 @@ __all__ = [
     "add_activity",
     "add_salience",
     "estimated_note",
+    "store_activity",
 ]
 
 SALIENT_FRAMES = 10
@@ -182,11 +183,34 @@ def add_activity(
         Stored beside it: which frames count as active.
     """
     meter = ActivityMeter(reference)
-    values = np.array([meter.measure(grey) for grey in greys], dtype=np.float32)
+    values = [meter.measure(grey) for grey in greys]
+    store_activity(writer, stream, meter, values, active_above=active_above)
+
+
+def store_activity(
+    writer: EpisodeWriter,
+    stream: str,
+    meter: ActivityMeter,
+    values: Sequence[float],
+    *,
+    active_above: float = ACTIVE_THRESHOLD,
+) -> None:
+    """Store the activity of a stream's frames.
+
+    Parameters
+    ----------
+    writer : EpisodeWriter
+    stream : str
+    meter : ActivityMeter
+        That measured it.
+    values : sequence of float
+    active_above : float
+        Stored beside it: which frames count as active.
+    """
     writer.add_derived(
         stream,
         "activity",
-        values,
+        np.array(values, dtype=np.float32),
         algorithm=ACTIVITY_METHOD,
         parameters={
             "threshold": meter.threshold,

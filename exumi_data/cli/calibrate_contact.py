@@ -40,13 +40,13 @@ def run(
     with the hand at rest. The encoder's width is what the others are compared with. Exit code 1 if
     a stream does not tell; the others are written.
     """
+    from exumi_data.calibration_items import LATENCY, CalibrationRefusedError
     from exumi_data.cli.failures import FOUND_WRONG
     from exumi_data.cli.output import error_console, print_json
     from exumi_data.episode import open_episode
     from exumi_data.errors import UsageError
     from exumi_recorders.calibration.contact import contact_item
     from exumi_recorders.calibration.files import Calibration
-    from exumi_recorders.calibration.items import LATENCY, CalibrationRefusedError
     from exumi_recorders.calibration.recordings import stream_of
 
     check_out(out)

@@ -26,8 +26,8 @@ from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from exumi_data.clips.markers import MarkerSettings
     from exumi_data.model.description import CalibrationItem
-    from exumi_recorders.calibration.markers import MarkerSettings
 
 __all__ = ["EPILOG", "run"]
 
@@ -188,12 +188,12 @@ def _seen(
 ) -> "tuple[str, CalibrationItem]":
     import numpy as np
 
+    from exumi_data.calibration_items import CalibrationRefusedError
+    from exumi_data.clips.markers import track_marker
     from exumi_data.episode import open_episode
     from exumi_data.geometry import interpolate_poses, pose_to_matrix
     from exumi_recorders.calibration.controller import hand_eye, hand_eye_item
     from exumi_recorders.calibration.files import read_calibration
-    from exumi_recorders.calibration.items import CalibrationRefusedError
-    from exumi_recorders.calibration.markers import track_marker
     from exumi_recorders.calibration.recordings import (
         camera_times,
         frames_of,

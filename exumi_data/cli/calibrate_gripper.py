@@ -19,7 +19,7 @@ from exumi_data.cli.calibrate_options import (
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
 if TYPE_CHECKING:
-    from exumi_recorders.calibration.gripper import GripperReadings
+    from exumi_data.gripper_readings import GripperReadings
 
 __all__ = ["EPILOG", "run"]
 
@@ -69,8 +69,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     over the encoder's end. What does not go one way, or is too coarse, is refused.
     """
     from exumi_data.errors import UsageError
+    from exumi_data.gripper_readings import fit_gripper, gripper_item
     from exumi_recorders.calibration.files import Calibration
-    from exumi_recorders.calibration.gripper import fit_gripper, gripper_item
 
     if (readings is None) == (rig is None):
         raise UsageError("one of READINGS and --rig", fix="Give the one that you have.")
@@ -111,7 +111,7 @@ def _readings(  # what a user says of where they are
     openings: list[float] | None,
 ) -> "GripperReadings":
     from exumi_data.errors import UsageError
-    from exumi_recorders.calibration.gripper import check_openings, read_gripper_file
+    from exumi_data.gripper_readings import check_openings, read_gripper_file
 
     if openings is not None:
         # Before the operator sets one after the other.
@@ -149,7 +149,7 @@ def _live(rig: str, device: str | None, openings: list[float] | None) -> "Grippe
 def _recorded(path: Path, stream: str | None, openings: list[float]) -> "GripperReadings":
     from exumi_data.episode import open_episode
     from exumi_data.errors import UsageError
-    from exumi_recorders.calibration.gripper import readings_at_rest
+    from exumi_data.gripper_readings import readings_at_rest
     from exumi_recorders.calibration.recordings import stream_of
 
     with open_episode(path) as episode:

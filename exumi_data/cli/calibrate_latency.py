@@ -24,10 +24,10 @@ from exumi_data.cli.calibrate_options import (
 from exumi_data.cli.options import Format, FormatOption, epilog, given_path
 
 if TYPE_CHECKING:
+    from exumi_data.clips.markers import MarkerSettings
     from exumi_data.episode import Episode
-    from exumi_recorders.calibration.markers import MarkerSettings
-    from exumi_recorders.calibration.sweep import MarkerTrack, PoseTrack, SweepLimits, SweepResult
-    from exumi_recorders.calibration.timing import CameraTiming
+    from exumi_data.synchronisation.sweep import MarkerTrack, PoseTrack, SweepLimits, SweepResult
+    from exumi_data.synchronisation.timing import CameraTiming
 
 __all__ = ["EPILOG", "run"]
 
@@ -95,9 +95,9 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     rest again. Intrinsics are taken from the calibration file, else from the episode. A sweep that
     does not tell is refused, with the reason.
     """
+    from exumi_data.calibration_items import LATENCY
+    from exumi_data.synchronisation.sweep import SweepLimits, latency_item
     from exumi_recorders.calibration.files import Calibration
-    from exumi_recorders.calibration.items import LATENCY
-    from exumi_recorders.calibration.sweep import SweepLimits, latency_item
 
     settings = marker_settings(dictionary, marker, marker_mm)
     _check_options(end, video, video_start, camera, plot)
@@ -165,7 +165,7 @@ def _estimated(
     """Return the pose stream's name, what each sweep says, and how far two are apart, seconds."""
     from exumi_data.episode import open_episode
     from exumi_data.errors import UsageError
-    from exumi_recorders.calibration.sweep import estimate_sweep
+    from exumi_data.synchronisation.sweep import estimate_sweep
 
     results: list[SweepResult] = []
     names, starts, ids = set(), [], set()
@@ -192,9 +192,9 @@ def _refuse(
     refused: "list[SweepResult]", sweeps: dict[str, list[dict[str, Any]]], output: Format
 ) -> None:
     """Say why sweeps are not to be believed, and end."""
+    from exumi_data.calibration_items import REFUSED_FIX
     from exumi_data.cli.failures import FOUND_WRONG
     from exumi_data.cli.output import error_console, print_json
-    from exumi_recorders.calibration.items import REFUSED_FIX
 
     reasons = list(dict.fromkeys(reason for result in refused for reason in result.refusals))
     if output is Format.JSON:
@@ -247,19 +247,19 @@ def _tracks(  # what a user says of a sweep
     video_start: float,
 ) -> "tuple[str, tuple[MarkerTrack, PoseTrack], CameraTiming]":
     """Return the pose stream's name, marker and poses, and how the camera's stamps are."""
+    from exumi_data.clips.frames import clip_frames
+    from exumi_data.clips.markers import track_marker
     from exumi_data.model.calibration import INTRINSICS
+    from exumi_data.synchronisation.timing import CameraTiming
     from exumi_recorders.calibration.files import read_calibration
-    from exumi_recorders.calibration.markers import track_marker
     from exumi_recorders.calibration.recordings import (
         camera_times,
-        clip_frames,
         clip_intrinsics,
         frames_of,
         intrinsics_for,
         pose_track,
         stream_of,
     )
-    from exumi_recorders.calibration.timing import CameraTiming
 
     calibration = read_calibration(out) if out.exists() else None
     poses = stream_of(episode, "pose", pose)

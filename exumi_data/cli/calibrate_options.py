@@ -12,10 +12,10 @@ from exumi_data.cli.options import Format, given_path
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from exumi_data.clips.markers import MarkerSettings
     from exumi_data.model.description import CalibrationItem
+    from exumi_data.synchronisation.timing import Range
     from exumi_recorders.calibration.files import Calibration
-    from exumi_recorders.calibration.markers import MarkerSettings
-    from exumi_recorders.calibration.timing import Range
 
 __all__ = [
     "EpisodeArgument",
@@ -144,7 +144,7 @@ def range_of(text: str | None, option: str) -> "Range | None":
         It is neither.
     """
     from exumi_data.errors import UsageError
-    from exumi_recorders.calibration.timing import Range
+    from exumi_data.synchronisation.timing import Range
 
     if text is None:
         return None
@@ -215,9 +215,9 @@ def refusing(output: Format) -> Iterator[None]:
     typer.Exit
         In place of a refusal.
     """
+    from exumi_data.calibration_items import CalibrationRefusedError
     from exumi_data.cli.failures import FOUND_WRONG
     from exumi_data.cli.output import error_console, print_json, printable
-    from exumi_recorders.calibration.items import CalibrationRefusedError
 
     try:
         yield
@@ -248,8 +248,8 @@ def marker_settings(dictionary: str, number: int, side_mm: float) -> "MarkerSett
     UsageError
         There is no such dictionary or marker.
     """
+    from exumi_data.clips.markers import MarkerSettings
     from exumi_data.errors import UsageError
-    from exumi_recorders.calibration.markers import MarkerSettings
 
     try:
         return MarkerSettings(dictionary, number, 1e-3 * side_mm)
@@ -276,10 +276,10 @@ def finish(
     more : dict, optional
         What else the JSON says.
     """
+    from exumi_data.calibration_items import now
     from exumi_data.cli.output import print_json, printable
     from exumi_data.model.documents import dump
     from exumi_recorders.calibration.files import Calibration, update
-    from exumi_recorders.calibration.items import now
     from exumi_recorders.calibration.sources import digest_of_sources
 
     said = {"time": now(), "digest": digest_of_sources([path for path in sources if path])}

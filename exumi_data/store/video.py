@@ -125,7 +125,7 @@ def most_pixels(height: int, width: int) -> int:
     return min(MAX_PIXELS, max(_LEAST_PIXELS, (height + _MARGIN) * (width + _MARGIN)))
 
 
-def _open(source: bytes | str | IO[bytes], where: object, pixels: int) -> Any:
+def _open(source: bytes | str | IO[bytes], where: object, pixels: int, threads: int) -> Any:
     file = io.BytesIO(source) if isinstance(source, bytes) else source
     _check_tables(file, where)
     # Twice: while the container is looked through, and in the decoder itself.
@@ -145,7 +145,9 @@ def _open(source: bytes | str | IO[bytes], where: object, pixels: int) -> Any:
     if context is None:  # PyAV's stubs do not know of streams that nothing decodes
         container.close()  # type: ignore[unreachable]
         raise SourceError("there is no decoder for the video", where=where)
-    context.thread_count = 1
+    context.thread_count = threads
+    if threads > 1:
+        context.thread_type = "AUTO"
     context.options = limit
     return container
 
@@ -197,6 +199,8 @@ class VideoDecoder:
         Named in errors.
     pixels : int
         Most pixels of a frame.
+    threads : int
+        That decode: more than one where nothing else is to be done at the same time.
 
     Attributes
     ----------
@@ -219,10 +223,15 @@ class VideoDecoder:
     """
 
     def __init__(
-        self, source: bytes | str | IO[bytes], where: object, *, pixels: int = MAX_PIXELS
+        self,
+        source: bytes | str | IO[bytes],
+        where: object,
+        *,
+        pixels: int = MAX_PIXELS,
+        threads: int = 1,
     ) -> None:
         self.where = where
-        self._container = _open(source, where, pixels)
+        self._container = _open(source, where, pixels, threads)
         stream = self._container.streams.video[0]
         self._stream = stream
         context = stream.codec_context
@@ -262,6 +271,14 @@ class VideoDecoder:
                 yield frame
         except (av.FFmpegError, OSError, ValueError) as error:
             self.problem = _short(error)
+
+    def keyframes(self) -> Iterator[VideoFrame]:
+        """Yield the keyframes alone; what lies between them is not decoded.
+
+        Nothing else can be decoded with this decoder afterwards.
+        """
+        self._stream.codec_context.skip_frame = "NONKEY"
+        yield from self.frames()
 
     def seek(self, pts: int) -> None:
         """Go to the keyframe at or before `pts`.

@@ -1,8 +1,8 @@
 """Every code block of the documentation runs as it stands, in the order of its page.
 
-A page's blocks share one folder, which holds `my-clips` (three short tactile videos) and
-`my-touches` (six of three parts, with a table of labels). A block that is not run says why in an
-HTML comment on the line above: ``<!-- not run: reason -->``.
+A page's blocks share one folder, which holds `my-clips` (three short tactile videos), `my-touches`
+(six of three parts, with a table of labels) and `my-session` (a raw exUMI session). A block that is
+not run says why in an HTML comment on the line above: ``<!-- not run: reason -->``.
 """
 
 import os
@@ -13,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from exumi_data.simulation.hub_session import HubSettings, simulate_hub_session
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -71,12 +73,21 @@ def touches(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("session") / "my-session"
+    settings = HubSettings(seconds=4.0, sweep_s=0.0, tactile_size=(72, 96))
+    simulate_hub_session(folder, settings, demonstrations=2)
+    return folder
+
+
 def test_there_are_pages_and_blocks() -> None:
     assert sum(len(BLOCK.findall(page.read_text())) for page in PAGES) > 5
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_code_blocks(page: Path, clips: Path, touches: Path, tmp_path: Path) -> None:
+def test_code_blocks(page: Path, clips: Path, touches: Path, session: Path, tmp_path: Path) -> None:
+    (tmp_path / "my-session").symlink_to(session)
     (tmp_path / "my-clips").symlink_to(clips)
     (tmp_path / "my-touches").symlink_to(touches)
     (tmp_path / "examples").symlink_to(ROOT / "examples")

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from exumi_recorders.attach.matching import Match
-from exumi_recorders.attach.motion import Turning
+from exumi_data.synchronisation.matching import Match
+from exumi_data.synchronisation.motion import Turning
 
 __all__ = ["Uncovered", "skipped_numbers", "uncovered"]
 

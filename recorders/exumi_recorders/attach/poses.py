@@ -5,7 +5,7 @@ import numpy as np
 from exumi_data.episode import Episode, StreamView
 from exumi_data.standard import flags
 from exumi_data.store.shards import open_array
-from exumi_recorders.calibration.sweep import PoseTrack
+from exumi_data.synchronisation.sweep import PoseTrack
 
 __all__ = ["PoseReader"]
 

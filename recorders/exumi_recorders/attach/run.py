@@ -11,18 +11,20 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from exumi_data._version import __version__
+from exumi_data.clips.clip import Clip, find_clips, list_frames, read_clip
+from exumi_data.clips.markers import MarkerSettings
+from exumi_data.clips.sweeps import find_sweep
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import ExumiError, MetadataError, UsageError
 from exumi_data.model import UNKNOWN_LICENCE, DatasetMetadata, MadeBy
 from exumi_data.model.base import STREAM_NAME
 from exumi_data.model.calibration import INTRINSICS, Intrinsics
 from exumi_data.model.documents import problems_of
-from exumi_recorders.attach.clips import Clip, find_clips, list_frames, read_clip
+from exumi_data.synchronisation.matching import Candidate, Match, match_clips
+from exumi_data.synchronisation.motion import Turning, of_gyro, of_pose_stream
+from exumi_data.synchronisation.sweep import MarkerTrack
 from exumi_recorders.attach.destination import Destination, opened
-from exumi_recorders.attach.marker_clips import find_sweep
-from exumi_recorders.attach.matching import Candidate, Match, match_clips
 from exumi_recorders.attach.missing import skipped_numbers, uncovered
-from exumi_recorders.attach.motion import Turning, of_gyro, of_pose_stream
 from exumi_recorders.attach.poses import PoseReader
 from exumi_recorders.attach.report import AttachReport, ClipReport, MissingReport, Status
 from exumi_recorders.attach.sessions import find_sessions, pose_stream
@@ -36,8 +38,6 @@ from exumi_recorders.attach.writing import (
     write_episode,
 )
 from exumi_recorders.calibration.files import read_calibration
-from exumi_recorders.calibration.markers import MarkerSettings
-from exumi_recorders.calibration.sweep import MarkerTrack
 
 __all__ = ["AttachOptions", "attach"]
 

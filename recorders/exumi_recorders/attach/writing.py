@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from exumi_data._version import __version__
+from exumi_data.clips.clip import Clip, ClipFrames
 from exumi_data.episode import Episode, StreamView
 from exumi_data.model import (
     CONVENTION_UUID,
@@ -22,10 +23,9 @@ from exumi_data.model import (
 )
 from exumi_data.standard import sensors
 from exumi_data.store.episode_writer import EpisodeWriter
-from exumi_recorders.attach.clips import Clip, ClipFrames
+from exumi_data.synchronisation.matching import Match
+from exumi_data.synchronisation.placing import METHOD, Placement
 from exumi_recorders.attach.cutting import Stretch, cut_annotations, cut_stream
-from exumi_recorders.attach.matching import Match
-from exumi_recorders.attach.placing import METHOD, Placement
 
 __all__ = [
     "DOUBTFUL",

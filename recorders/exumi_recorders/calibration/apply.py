@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from exumi_data.calibration_items import LATENCY
+from exumi_data.clips.frames import fitting
 from exumi_data.episode import Episode, StreamView, open_episode
 from exumi_data.errors import UsageError
 from exumi_data.model.calibration import INTRINSICS, RECTIFICATION, RIG_REFERENCE, Intrinsics
@@ -27,16 +29,9 @@ from exumi_data.model.streams import RawData, TactileStream, WidthStream, images
 from exumi_data.standard import flags, units
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.time import apply_clock, strictly_increasing
+from exumi_data.width_map import NOT_CALIBRATED, WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.calibration.files import Calibration
-from exumi_recorders.calibration.items import LATENCY
-from exumi_recorders.calibration.recordings import fitting
 from exumi_recorders.calibration.tactile import DEPTH_TABLE, SCALE
-from exumi_recorders.finalise.widths import (
-    NOT_CALIBRATED,
-    WIDTH_MAP,
-    WidthMap,
-    read_width_map,
-)
 from exumi_recorders.placed_clips import placed_by
 
 __all__ = ["NOTE", "Applied", "apply_calibration", "named"]

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_data.model.description import CalibrationItem
 from exumi_data.synchronisation import estimate_touch_latency, find_touches
 from exumi_recorders.calibration.finger_motion import METHOD, finger_lag
-from exumi_recorders.calibration.items import CalibrationRefusedError
 
 __all__ = [
     "ContactLatency",

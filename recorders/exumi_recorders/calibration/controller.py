@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_data.geometry import pose_to_matrix
 from exumi_data.model.description import CalibrationItem
-from exumi_recorders.calibration.items import CalibrationRefusedError
 
 __all__ = [
     "CONTROLLER_TCP",

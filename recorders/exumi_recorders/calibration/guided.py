@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_data.errors import UsageError
 from exumi_data.standard import flags
 from exumi_recorders.calibration.controller import Aligned, Pivot, aligned, pivot
-from exumi_recorders.calibration.items import CalibrationRefusedError
 from exumi_recorders.calibration.live import LivePort, ports_of
 from exumi_recorders.contract import Event, Rows, Sample
 from exumi_recorders.finalise.poses import IDENTITY, to_world

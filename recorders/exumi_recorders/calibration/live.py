@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exumi_data.errors import ExumiError, UsageError
+from exumi_data.gripper_readings import GripperReadings, circular_mean, from_mean
 from exumi_data.standard import flags
 from exumi_data.store import jpeg
 from exumi_recorders.calibration.files import Calibration, merge
-from exumi_recorders.calibration.gripper import GripperReadings, circular_mean, from_mean
 from exumi_recorders.calibration.tactile import captured_reference
 from exumi_recorders.contract import Driver, Files, Port, Rows, Sample
 from exumi_recorders.finalise.rows import row_dtype

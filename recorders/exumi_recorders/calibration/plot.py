@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from exumi_recorders.calibration.sweep import SweepResult
+from exumi_data.synchronisation.sweep import SweepResult
 
 __all__ = ["draw_sweep", "draw_sweeps", "png"]
 

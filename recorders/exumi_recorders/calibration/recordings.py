@@ -10,25 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exumi_data.calibration import intrinsics_of
-from exumi_data.camera import resized
+from exumi_data.clips.frames import clip_size, fitting
 from exumi_data.episode import Episode, StreamView
 from exumi_data.errors import SourceError, UsageError
 from exumi_data.model.calibration import INTRINSICS, Intrinsics
 from exumi_data.model.streams import images_of
 from exumi_data.standard import flags
+from exumi_data.synchronisation.sweep import PoseTrack
+from exumi_data.synchronisation.timing import CameraTiming, Range
 from exumi_recorders.calibration.files import Calibration
-from exumi_recorders.calibration.sweep import PoseTrack
-from exumi_recorders.calibration.timing import CameraTiming, Range
 
 __all__ = [
     "ImageFolder",
     "activity_of",
     "as_stamped",
     "camera_times",
-    "clip_frames",
     "clip_intrinsics",
-    "clip_size",
-    "fitting",
     "frames_of",
     "intrinsics_for",
     "motion_energy",
@@ -133,55 +130,6 @@ def frames_of(
         yield int(time), frame
 
 
-def clip_frames(path: Path, *, start_ns: int = 0) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Go through the frames of a video file, grey, with the times that the container states.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    start_ns : int, optional
-        Time of the container's zero.
-
-    Raises
-    ------
-    SourceError
-        It is no video.
-    """
-    from exumi_data.store.video import VideoDecoder
-
-    with VideoDecoder(str(path), path) as video:
-        base = video.time_base
-        for frame in video.frames():
-            time = start_ns + round(int(frame.pts or 0) * base * 1_000_000_000)
-            yield time, np.asarray(frame.to_ndarray(format="gray"), np.uint8)
-
-
-def fitting(camera: Intrinsics, width: int, height: int, where: object) -> Intrinsics:
-    """Return intrinsics for images of a size: those given, or resized if the shape is the same.
-
-    Parameters
-    ----------
-    camera : Intrinsics
-    width, height : int
-    where : object
-        Named in errors.
-
-    Raises
-    ------
-    UsageError
-        The images have another shape: they are cropped, and nobody knows where.
-    """
-    if (camera.width, camera.height) == (width, height):
-        return camera
-    if abs(camera.width * height - camera.height * width) > max(camera.width, camera.height):
-        raise UsageError(
-            f"intrinsics for {camera.width}x{camera.height} do not fit images of {width}x{height}",
-            where=where,
-            fix="Calibrate the camera in the mode that it records in.",
-        )
-    return resized(camera, width, height)
-
-
 def intrinsics_for(
     episode: Episode, stream: StreamView, calibration: Calibration | None
 ) -> Intrinsics:
@@ -241,24 +189,6 @@ def clip_intrinsics(path: Path, calibration: Calibration | None, name: str) -> I
             "NAME.",
         )
     return fitting(Intrinsics.model_validate(calibration.items[name].value), *clip_size(path), path)
-
-
-def clip_size(path: Path) -> tuple[int, int]:
-    """Return width and height of a clip's frames.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-
-    Raises
-    ------
-    SourceError
-        It is no video.
-    """
-    from exumi_data.store.video import VideoDecoder
-
-    with VideoDecoder(str(path), path) as video:
-        return video.width, video.height
 
 
 def camera_times(stream: StreamView) -> tuple[NDArray[np.int64], CameraTiming]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_data.errors import SourceError
 from exumi_data.model.calibration import RECTIFICATION, RIG_REFERENCE
 from exumi_data.model.description import CalibrationItem
@@ -24,7 +25,6 @@ from exumi_data.tactile import (
     to_grey,
 )
 from exumi_recorders.calibration.files import Calibration, array_path
-from exumi_recorders.calibration.items import CalibrationRefusedError
 
 __all__ = [
     "DEPTH_TABLE",

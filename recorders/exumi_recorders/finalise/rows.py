@@ -9,12 +9,12 @@ import numpy.typing as npt
 
 from exumi_data.model.clock import Clock
 from exumi_data.model.streams import RawData
+from exumi_data.width_map import NOT_CALIBRATED, WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.contract import Port, Rows
 from exumi_recorders.finalise.columns import Columns
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.losses import FLAG
 from exumi_recorders.finalise.poses import PoseSigns, to_world
-from exumi_recorders.finalise.widths import NOT_CALIBRATED, WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.journal.header import StreamHeader, port_of
 from exumi_recorders.journal.reading import Block
 

@@ -6,12 +6,12 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from pydantic import ValidationError
 
+from exumi_data.calibration_items import moment_of
 from exumi_data.model.calibration import INTRINSICS, Intrinsics
 from exumi_data.model.description import CalibrationItem
-from exumi_recorders.calibration.items import moment_of
+from exumi_data.width_map import WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.contract import Files, Port, Rows
 from exumi_recorders.finalise.rows import row_dtype
-from exumi_recorders.finalise.widths import WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.recording.recorder import LATENCY, latency_of
 from exumi_recorders.rig.gate import Gate, Verdict
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from exumi_data.errors import ExumiError
+from exumi_data.width_map import WIDTH_MAP
 from exumi_recorders.contract import Port
-from exumi_recorders.finalise.widths import WIDTH_MAP
 from exumi_recorders.journal.space import SpaceLimits, free_bytes, seconds_left
 from exumi_recorders.rig.calibration_gates import calibration_gates, width_gate
 from exumi_recorders.rig.calibrations import read_calibrations

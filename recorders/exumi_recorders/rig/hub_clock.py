@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
+from exumi_data.calibration_items import moment_of
 from exumi_data.model.description import CalibrationItem
-from exumi_recorders.calibration.items import moment_of
 from exumi_recorders.rig.gate import Gate
 
 __all__ = ["ClockState", "clock_gates", "read_clock_state"]

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from exumi_data.calibration_items import now
 from exumi_data.errors import ExumiError
 from exumi_data.model.calibration import INTRINSICS, RIG_REFERENCE
 from exumi_data.model.description import CalibrationItem
 from exumi_data.simulation import PlaySession, simulate_play
-from exumi_recorders.calibration.items import now
 from exumi_recorders.rig.loading import parse_rig
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.session.plan import Calibrated

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from exumi_data.model import CalibrationItem
-from exumi_recorders.finalise.widths import WIDTH_MAP, WidthMap, read_width_map
+from exumi_data.width_map import WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.recording.device import RecordedStream
 from exumi_recorders.recording.status import RecordingStatus
 

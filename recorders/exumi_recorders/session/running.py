@@ -8,10 +8,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from exumi_data._version import __version__
+from exumi_data.calibration_items import moment_of
 from exumi_data.dataset import DATASET_DOCUMENT, create_dataset, open_dataset
 from exumi_data.errors import UsageError
 from exumi_data.model import Annotations, DatasetMetadata, MadeBy
-from exumi_recorders.calibration.items import moment_of
 from exumi_recorders.journal.space import SpaceLimits
 from exumi_recorders.recording.lanes import Limits
 from exumi_recorders.recording.recorder import LATENCY, Recorder

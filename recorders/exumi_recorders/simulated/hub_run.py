@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from exumi_recorders.simulated.demonstrations import (
+from exumi_data.simulation.demonstrations import (
     Demonstrations,
     simulate_demonstrations,
     write_hub_session,
 )
-from exumi_recorders.simulated.gopro import SimulatedGoPro
+from exumi_data.simulation.gopro import SimulatedGoPro
 
 __all__ = ["HubRun", "simulate_hub_run"]
 

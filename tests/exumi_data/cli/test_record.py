@@ -22,9 +22,9 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from exumi_data.calibration_items import now
 from exumi_data.catalog import list_episodes
 from exumi_data.episode import open_episode
-from exumi_recorders.calibration.items import now
 from exumi_recorders.journal.states import list_journals
 from exumi_validators import validate
 from tests.exumi_data.cli.conftest import Program

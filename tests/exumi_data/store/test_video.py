@@ -30,3 +30,26 @@ def test_a_list_of_files_is_no_video(tmp_path: Path, text: str, *, in_memory: bo
     source = disguised.read_bytes() if in_memory else str(disguised)
     with pytest.raises(SourceError, match="not a readable video"):
         VideoDecoder(source, disguised)
+
+
+def test_keyframes_alone(tmp_path: Path) -> None:
+    import av
+    import numpy as np
+
+    path = tmp_path / "clip.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=25)
+        assert isinstance(stream, av.VideoStream)
+        stream.width, stream.height, stream.codec_context.gop_size = 32, 32, 5
+        for number in range(22):
+            pixels = np.full((32, 32, 3), 60 + number, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
+        container.mux(stream.encode())
+    with VideoDecoder(str(path), path) as decoder:
+        every = [(frame.pts, frame.key_frame) for frame in decoder.frames()]
+    with VideoDecoder(str(path), path, threads=2) as decoder:
+        assert [(frame.pts, frame.key_frame) for frame in decoder.frames()] == every
+    with VideoDecoder(str(path), path) as decoder:
+        found = [frame.pts for frame in decoder.keyframes()]
+    assert found == [pts for pts, is_key in every if is_key]
+    assert 1 < len(found) < len(every)

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from exumi_data.calibration import add_intrinsics
 from exumi_data.geometry import compose
 from exumi_data.model import Clock, EpisodeMetadata, Frames, Source, Task
+from exumi_data.simulation.demonstrations import simulate_demonstrations
+from exumi_data.simulation.sweep import SimulatedSweep, SweepSettings
+from exumi_data.simulation.sweep_recording import CAMERA, write_sweep_clip
 from exumi_data.store.episode_writer import EpisodeWriter
-from exumi_recorders.calibration.simulated_episode import CAMERA, write_sweep_clip
-from exumi_recorders.calibration.simulated_sweep import SimulatedSweep, SweepSettings
-from exumi_recorders.simulated.demonstrations import simulate_demonstrations
 
 __all__ = ["SESSION_ID", "SweptSession", "sweep_settings", "write_swept_session"]
 

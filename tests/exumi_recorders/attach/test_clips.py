@@ -8,9 +8,9 @@ import av
 import numpy as np
 import pytest
 
+from exumi_data.clips.clip import find_clips, list_frames, read_clip, timecode_s
 from exumi_data.errors import SourceError, UsageError
-from exumi_recorders.attach.clips import find_clips, list_frames, read_clip, timecode_s
-from exumi_recorders.simulated.gopro import timecode_text
+from exumi_data.simulation.gopro import timecode_text
 from exumi_recorders.simulated.hub_run import HubRun
 
 NTSC, DOUBLE, FILM = Fraction(30_000, 1001), Fraction(60_000, 1001), Fraction(24)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from exumi_recorders.attach.matching import Candidate, CommonClock, Match, match_clips
+from exumi_data.synchronisation.matching import Candidate, CommonClock, Match, match_clips
+from exumi_data.synchronisation.motion import Turning
 from exumi_recorders.attach.missing import skipped_numbers, uncovered
-from exumi_recorders.attach.motion import Turning
-from tests.exumi_recorders.attach.test_placing import clip_of, hand, session_of
+from tests.exumi_data.synchronisation.test_placing import clip_of, hand, session_of
 
 DAY_S = 86_400.0
 LENGTH_S = 6.0
@@ -140,6 +140,22 @@ def test_clips_without_gyroscope_and_sessions_without_motion(
     (match,), _ = match_clips(empty, candidates(truth)[:1])
     assert match.placement is None
     assert match_clips(session_of(truth), []) == ([], None)
+
+
+def test_a_clock_that_is_known_decides_where_clips_do_not(
+    truth: tuple[np.ndarray, np.ndarray],
+) -> None:
+    speed = truth[1].copy()
+    speed[50_000:58_000] = speed[20_000:28_000]  # the same motion twice
+    twice = (truth[0], speed)
+    clip = candidate(1, 50.5, twice)
+    (match,), clock = match_clips(session_of(twice), [clip])
+    assert match.placement is None
+    assert clock is None
+    known = CommonClock(ahead_s=DAY_S - 52.0, scatter_s=2.0, clips=0)
+    (match,), clock = match_clips(session_of(twice), [clip], None, known)
+    assert starts([match]) == [50.5]
+    assert clock is known
 
 
 def test_the_common_clock_counts_from_midnight_to_midnight() -> None:

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from exumi_data.cli.app import app
+from exumi_data.clips.markers import MarkerSettings
+from exumi_data.clips.sweeps import find_sweep
 from exumi_data.episode import open_episode
 from exumi_data.errors import UsageError
+from exumi_data.simulation.sweep import SweepSettings, simulate_sweep
+from exumi_data.simulation.sweep_recording import CAMERA, write_sweep_clip
+from exumi_data.synchronisation.placing import Placement
+from exumi_data.synchronisation.sweep import MarkerTrack, PoseTrack
+from exumi_data.synchronisation.sweep_search import METHOD, place_sweep
 from exumi_recorders.attach import AttachOptions, AttachReport, attach
-from exumi_recorders.attach.marker_clips import find_sweep
-from exumi_recorders.attach.placing import Placement
-from exumi_recorders.attach.sweep_search import METHOD, place_sweep
 from exumi_recorders.calibration.files import Calibration, write_calibration
-from exumi_recorders.calibration.markers import MarkerSettings
-from exumi_recorders.calibration.simulated_episode import CAMERA, write_sweep_clip
-from exumi_recorders.calibration.simulated_sweep import SweepSettings, simulate_sweep
-from exumi_recorders.calibration.sweep import MarkerTrack, PoseTrack
 from exumi_recorders.placed_clips import placed_by
 from exumi_validators import validate
 from tests.exumi_recorders.attach.sweeping import (

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_recorders.calibration.contact import (
     contact_item,
     encoder_stops,
     image_latency,
     touch_latency,
 )
-from exumi_recorders.calibration.items import CalibrationRefusedError
 from tests.exumi_data.synchronisation.gripping import (
     activity,
     as_ns,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_data.geometry import pose_to_matrix
 from exumi_recorders.calibration.controller import (
     aligned,
@@ -17,7 +18,6 @@ from exumi_recorders.calibration.controller import (
     pivot,
     tcp_item,
 )
-from exumi_recorders.calibration.items import CalibrationRefusedError
 
 TIP = np.array([0.02, -0.05, 0.18])
 POINT = np.array([0.3, 0.1, 0.8])

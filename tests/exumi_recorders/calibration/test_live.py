@@ -12,9 +12,9 @@ import pytest
 
 from exumi_data.cli.app import app
 from exumi_data.errors import UsageError
+from exumi_data.gripper_readings import fit_gripper
 from exumi_recorders.calibration import live
 from exumi_recorders.calibration.files import read_calibration
-from exumi_recorders.calibration.gripper import fit_gripper
 from exumi_recorders.calibration.live import (
     BACK,
     LivePort,

@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 import pytest
 
-from exumi_recorders.calibration.items import CalibrationRefusedError
-from exumi_recorders.calibration.plot import draw_sweep, png
-from exumi_recorders.calibration.simulated_sweep import SweepSettings, simulate_sweep
-from exumi_recorders.calibration.sweep import (
+from exumi_data.calibration_items import CalibrationRefusedError
+from exumi_data.simulation.sweep import SweepSettings, simulate_sweep
+from exumi_data.synchronisation.sweep import (
     MarkerTrack,
     PoseTrack,
     SweepResult,
     estimate_sweep,
     latency_item,
 )
-from exumi_recorders.calibration.timing import CameraTiming, Range
+from exumi_data.synchronisation.timing import CameraTiming, Range
+from exumi_recorders.calibration.plot import draw_sweep, png
 
 NONE = Range(0.0, 0.0)
 PERFECT = CameraTiming(NONE, NONE)

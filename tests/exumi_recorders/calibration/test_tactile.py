@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_data.errors import SourceError
-from exumi_recorders.calibration.items import CalibrationRefusedError
 from exumi_recorders.calibration.tactile import (
     captured_reference,
     depth_table,

@@ -18,15 +18,15 @@ from exumi_data.dataset import create_dataset, open_dataset
 from exumi_data.destination import only_run
 from exumi_data.episode import open_episode
 from exumi_data.model import DatasetMetadata, Frames, RawData
-from exumi_data.standard import flags
-from exumi_data.store.episode_writer import EpisodeWriter
-from exumi_recorders.calibration.files import read_calibration
-from exumi_recorders.calibration.simulated_episode import (
+from exumi_data.simulation.sweep import SweepSettings
+from exumi_data.simulation.sweep_recording import (
     CAMERA,
     write_sweep_clip,
     write_sweep_episode,
 )
-from exumi_recorders.calibration.simulated_sweep import SweepSettings
+from exumi_data.standard import flags
+from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_recorders.calibration.files import read_calibration
 from exumi_validators import validate
 from tests.exumi_data.builders import edit_metadata, metadata
 from tests.exumi_data.synchronisation.gripping import activity, as_ns, frame_times, width_m

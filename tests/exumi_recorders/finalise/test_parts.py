@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from exumi_data.geometry import pose_to_matrix
 from exumi_data.model import Clock
 from exumi_data.standard import flags
+from exumi_data.width_map import WidthMap, read_width_map
 from exumi_recorders.finalise.clocks import StreamTimes, epoch_of, utc_text
 from exumi_recorders.finalise.losses import FLAG, MOST_GAPS, Losses
 from exumi_recorders.finalise.poses import IDENTITY, PoseSigns, to_world
-from exumi_recorders.finalise.widths import WidthMap, read_width_map
 from exumi_recorders.journal.header import JournalHeader
 from exumi_recorders.journal.journal import CLOCK_PAIR
 from exumi_recorders.journal.reading import Block

@@ -2,9 +2,9 @@
 
 import pytest
 
+from exumi_data.calibration_items import now
 from exumi_data.errors import UsageError
 from exumi_data.model.description import CalibrationItem
-from exumi_recorders.calibration.items import now
 from exumi_recorders.rig.loading import parse_rig
 from exumi_recorders.session.plan import Calibrated
 from exumi_recorders.session.readiness import check_calibration
