@@ -17,7 +17,7 @@ __all__ = ["clip_frames", "clip_size", "fitting"]
 
 
 def clip_frames(
-    path: Path, *, start_ns: int = 0, threads: int = 1
+    path: Path, *, start_ns: int = 0, threads: int = 1, apart_ns: int = 0
 ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Go through the frames of a video file, grey, with the times that the container states.
 
@@ -28,6 +28,8 @@ def clip_frames(
         Time of the container's zero.
     threads : int, optional
         That decode.
+    apart_ns : int, optional
+        Frames that are nearer than this to the one before are decoded and left out.
 
     Raises
     ------
@@ -36,8 +38,12 @@ def clip_frames(
     """
     with VideoDecoder(str(path), path, threads=threads) as video:
         base = video.time_base
+        before: int | None = None
         for frame in video.frames():
             time = start_ns + round(int(frame.pts or 0) * base * 1_000_000_000)
+            if before is not None and time - before < apart_ns:
+                continue
+            before = time
             yield time, np.asarray(frame.to_ndarray(format="gray"), np.uint8)
 
 
