@@ -53,8 +53,12 @@ def _now_s(setup: FramedSetup) -> float:
 def _listening(path: str) -> socket.socket:
     Path(path).unlink(missing_ok=True)
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    listener.bind(path)
+    # The path appears when it is listened to: one that is only bound refuses connections.
+    unheard = f"{path}~"
+    Path(unheard).unlink(missing_ok=True)
+    listener.bind(unheard)
     listener.listen(1)
+    Path(unheard).rename(path)
     listener.settimeout(_LOOK_S)
     return listener
 

@@ -3,6 +3,7 @@
 import json
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -500,7 +501,10 @@ def test_the_format_is_recognised_by_itself_and_alone(tmp_path: Path) -> None:
     source = tmp_path / "domain"
     write_store(source / "sub" / "a.zarr", episode())
     done = subprocess.run(
-        ["exumi", "convert", str(source), str(tmp_path / "out"), "--dry-run"],
+        [
+            *(sys.executable, "-m", "exumi_data.cli", "convert"),
+            *(str(source), str(tmp_path / "out"), "--dry-run"),
+        ],
         capture_output=True,
         text=True,
         check=True,
