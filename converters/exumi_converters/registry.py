@@ -12,8 +12,7 @@ from exumi_converters.clips import ClipsConverter
 from exumi_converters.converter import Converter
 from exumi_converters.exporter import Exporter
 from exumi_converters.octopi import OctopiConverter
-from exumi_converters.umi.reading import UmiConverter
-from exumi_converters.umi.writing import UmiExporter
+from exumi_converters.umi import UmiConverter, UmiExporter
 from exumi_data.errors import UsageError
 from exumi_data.plugins import Plugin, load_plugins, refuse_twice
 
