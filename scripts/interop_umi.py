@@ -12,7 +12,8 @@ memory without recoding, every array must be as long as the last episode's end, 
 whole, frames one slice at a time. With ``--code`` the classes themselves do it: name a checkout of
 real-stanford/universal_manipulation_interface or silicx/exUMI.
 
-Prints JSON: for each array its shape, type, and the SHA-256 of what was read.
+Prints JSON: for each array its shape, type, and the SHA-256 of what was read. The project's tests
+run this where the environment variable ``EXUMI_ZARR2_PYTHON`` names such a Python.
 """
 
 import argparse

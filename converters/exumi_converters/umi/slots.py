@@ -13,7 +13,9 @@ from exumi_converters.umi.channels import DIFFERENCES_KIND
 from exumi_converters.umi.layout import TACTILE_COMBINED
 from exumi_data.episode import Episode, StreamView
 from exumi_data.errors import ExumiError, UsageError
+from exumi_data.model.streams import images_of
 from exumi_data.standard import flags
+from exumi_data.store.shards import open_array
 from exumi_data.ticks import image_tolerance_ns, max_gap_ns
 from exumi_data.time import bracket_indices, nearest_indices, nominal_times
 
@@ -107,12 +109,12 @@ def _numbered(views: Sequence[StreamView]) -> dict[str, str]:
 
 def _tactile(episode: Episode) -> dict[str, str]:
     views = {view.name: view for view in episode.of_kind("tactile")}
-    for name in views:
+    for name, grey in views.items():
         if "combined" in name:
             kept = [
                 view.name
                 for view in episode.of_kind(DIFFERENCES_KIND)
-                if (view.metadata.model_extra or {}).get("exumi:of") == name
+                if _belongs(episode, view, grey)
             ]
             return {"combined": name, **({"differences": kept[0]} if kept else {})}
     try:
@@ -120,6 +122,15 @@ def _tactile(episode: Episode) -> dict[str, str]:
     except UsageError:
         return {}
     return {"left": pairs[0].left.name, "right": pairs[0].right.name} if pairs else {}
+
+
+def _belongs(episode: Episode, differences: StreamView, grey: StreamView) -> bool:
+    """Whether concave and convex are of a grey image as it is now: not before it was resized."""
+    if (differences.metadata.model_extra or {}).get("exumi:of") != grey.name:
+        return False
+    images = images_of(grey.metadata)
+    shape = open_array(episode.store, f"streams/{differences.name}/data").shape
+    return images is not None and shape[1:] == (images.height, images.width, 2)
 
 
 class Timeline(NamedTuple):

@@ -37,7 +37,7 @@ FRAME = np.random.default_rng(0).integers(0, 255, (1, 24, 20, 3), np.uint8)
         {"id": "imagecodecs_jpegxl", "lossless": True},
         {"id": "imagecodecs_jpeg2k"},
         {"id": "imagecodecs_png"},
-        {"id": "imagecodecs_webp", "lossless": True},
+        {"id": "imagecodecs_lz4"},
         {"id": "imagecodecs_jpegls"},
         {"id": "imagecodecs_zstd"},
         {"id": "imagecodecs_deflate"},
@@ -47,8 +47,6 @@ FRAME = np.random.default_rng(0).integers(0, 255, (1, 24, 20, 3), np.uint8)
 @pytest.mark.parametrize("channels", [1, 3])
 def test_what_a_codec_encoded_is_decoded(config: dict[str, Any] | None, channels: int) -> None:
     frame = np.ascontiguousarray(FRAME[..., :channels])
-    if config is not None and config["id"] == "imagecodecs_webp" and channels == 1:
-        pytest.skip("WebP has no grey")
     data = frame.tobytes() if config is None else bytes(numcodecs.get_codec(config).encode(frame))
     out = np.empty_like(frame)
     decode_chunk(data, out, config, None, "here")

@@ -27,7 +27,14 @@ def test_the_exporter_keeps_the_contract(grasps: Path, tmp_path: Path) -> None:
 
 def test_a_round_trip_loses_exactly_what_is_listed(everything: Path, tmp_path: Path) -> None:
     exporter = find_exporter("umi")
-    lost = round_trip_differences(exporter, find_converter("umi"), everything, tmp_path)
+    lost = round_trip_differences(
+        exporter,
+        find_converter("umi"),
+        everything,
+        tmp_path,
+        export_options=ExportOptions(settings={"size": "32"}, workers=1),
+        convert_options=ConvertOptions(workers=1),
+    )
     assert lost == set(exporter.loses)
 
 
@@ -42,7 +49,7 @@ BUFFERS = st.fixed_dictionaries(
 
 
 @settings(
-    max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
     counts=st.lists(st.integers(2, 14), min_size=1, max_size=3),

@@ -16,7 +16,15 @@ import zarr
 from imagecodecs.numcodecs import register_codecs
 from scipy.spatial.transform import Rotation
 
-from exumi_converters import ConvertOptions, ExportOptions, ExportPlan, convert, export, plan_export
+from exumi_converters import (
+    ConvertOptions,
+    ExportOptions,
+    ExportPlan,
+    convert,
+    export,
+    plan_export,
+    prepare,
+)
 from exumi_converters.umi.arrays import Buffer, open_buffer
 from exumi_data.dataset import open_dataset
 from exumi_data.errors import MissingExtraError, UsageError
@@ -145,6 +153,15 @@ def test_channels_that_came_with_a_buffer_stay_as_they_are(converted: Path, tmp_
     convert(buffer.path, tmp_path / "back", options=ConvertOptions(workers=1))
     for episode in open_dataset(tmp_path / "back"):
         assert "wrapped-differences" in {note.code for note in episode.metadata.quality}
+
+
+def test_channels_are_made_anew_where_the_image_was_resized(
+    converted: Path, tmp_path: Path
+) -> None:
+    prepare(converted, tmp_path / "prepared", size=24, lossless=True, workers=1)
+    buffer = write(tmp_path / "prepared", tmp_path / "b.zarr", size="0")
+    assert buffer.attributes["exumi"]["shared"]["tactile_made"] is True
+    assert buffer.arrays["tactile_combined"].shape[1:] == (24, 24, 3)
 
 
 def test_zarr_itself_reads_it(grasps: Path, tmp_path: Path) -> None:
