@@ -21,10 +21,10 @@ class Converter:
     loses = ()
 
     def discover(self, source, options):
-        raise NotImplementedError
+        raise AssertionError("nothing is converted here")
 
     def convert(self, item, writer):
-        raise NotImplementedError
+        raise AssertionError("nothing is converted here")
 
 converter = Converter()
 """

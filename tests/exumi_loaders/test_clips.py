@@ -136,4 +136,5 @@ def test_clips_cross_process_borders(make_touches: Any, touch: Any) -> None:
 
 def test_no_torch_is_needed() -> None:
     code = "import sys, exumi_loaders; exumi_loaders.Clips; assert 'torch' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True)
+    done = subprocess.run([sys.executable, "-c", code], check=False)
+    assert done.returncode == 0

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import weakref
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -495,11 +496,11 @@ class _Documents(Protocol):
     def chunks(self, meta: ArrayMeta) -> Chunks: ...
 
 
-class _Common:
+class _Common(ABC):
     path: Path
 
-    def read(self, name: str) -> bytes | None:
-        raise NotImplementedError
+    @abstractmethod
+    def read(self, name: str) -> bytes | None: ...
 
     def meta(self, path: str) -> ArrayMeta:
         raw = self.read(f"{path}/.zarray")

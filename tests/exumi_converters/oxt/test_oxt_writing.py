@@ -273,7 +273,9 @@ print(json.dumps([zarr.__version__, root["meta/episode_ends"][:].tolist(), found
 """
 
 
-@pytest.mark.skipif("EXUMI_ZARR2_PYTHON" not in os.environ, reason="EXUMI_ZARR2_PYTHON is not set")
+@pytest.mark.skipif(
+    "EXUMI_ZARR2_PYTHON" not in os.environ, reason="EXUMI_ZARR2_PYTHON names no Python with zarr 2"
+)
 def test_zarr_2_reads_the_same(motions: Path, tmp_path: Path) -> None:
     path = write(motions, tmp_path / "domain") / "turn.zarr"
     python = os.environ["EXUMI_ZARR2_PYTHON"]
