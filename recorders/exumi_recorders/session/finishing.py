@@ -95,7 +95,8 @@ class Finisher:
             done = self._finish(journal)
             with self._lock:
                 self._waiting -= 1
-            if not self._given_up.is_set():
+            # What was done in the last instant is an episode all the same.
+            if done.episode is not None or not self._given_up.is_set():
                 self._on_done(done)
 
     def _finish(self, journal: Path) -> Finished:

@@ -216,7 +216,12 @@ def test_recorded_lies_on_the_truth(recorded: Path, recording: Dataset) -> None:
     span = in_session(recording)
     apart = deviation_of(session, recording[0], span)
     assert apart.width_m < 2e-4
-    assert apart.place_m < 3e-3  # devices of a busy machine stamp a few milliseconds late
+    pose = recording[0]["pose"]
+    true = session.truth.pose(span.start_s + pose.time * 1e-9)
+    place_m = np.linalg.norm(pose.data[:, :3] - true[:, :3], axis=1)
+    # Datagrams that a busy machine sends late are stamped late: some, and by milliseconds.
+    assert np.quantile(place_m, 0.9) < 1e-3
+    assert apart.place_m < 3e-3
     training = cast("Dataset", exumi_data.open(recorded / "training"))
     assert_active_when_touched(session, training, span.start_s)
 

@@ -267,7 +267,12 @@ def test_for_programs(tmp_path: Path, plain_environment: dict[str, str]) -> None
 def test_a_second_interrupt_leaves_the_journal(
     tmp_path: Path, plain_environment: dict[str, str], exumi: Program
 ) -> None:
-    with Recording(tmp_path, plain_environment, "--duration", "60") as run:
+    slow = tmp_path / "bin" / "nice"  # what finishes an episode is started through it
+    slow.parent.mkdir()
+    slow.write_text("#!/bin/sh\nexec sleep 60\n")
+    slow.chmod(0o755)
+    environment = plain_environment | {"PATH": f"{slow.parent}:{plain_environment['PATH']}"}
+    with Recording(tmp_path, environment, "--duration", "60") as run:
         run.wait("recording episode 1")
         time.sleep(0.3)
         run.process.send_signal(signal.SIGINT)
