@@ -109,7 +109,7 @@ def loop(path: Path) -> None:
     import imagecodecs
     import numcodecs
 
-    from exumi_converters.umi.zip_index import Member, read_index, read_member
+    from exumi_converters.zarr2_files.zip_index import Member, read_index, read_member
     from exumi_data.store import jpeg
 
     def members(table: np.ndarray) -> list[Member]:
@@ -172,7 +172,7 @@ def _step(arguments: argparse.Namespace) -> None:
 def directory_memory(path: Path, members: int) -> dict[str, Any]:
     """Measure what the directory of a zip of so many members costs."""
     from exumi_converters.umi.sinks import ZipSink
-    from exumi_converters.umi.zip_index import read_index
+    from exumi_converters.zarr2_files.zip_index import read_index
 
     with ZipSink(path) as sink:
         for row in range(members):

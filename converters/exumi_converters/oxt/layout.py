@@ -14,7 +14,8 @@ from exumi_converters.oxt.contract import (
     tactile_key,
 )
 from exumi_converters.oxt.options import OxtReadOptions
-from exumi_converters.umi.arrays import ArrayMeta, Buffer
+from exumi_converters.zarr2_files.buffer import Buffer
+from exumi_converters.zarr2_files.metadata import ArrayMeta
 from exumi_data.model.base import STREAM_NAME
 
 __all__ = ["Layout", "Mark", "find_layout", "read_mark"]

@@ -8,8 +8,8 @@ import numpy as np
 from exumi_converters.frame_files import add_lossy
 from exumi_converters.oxt.contract import GRIPPER_SLOT
 from exumi_converters.oxt.stamps import Timeline
-from exumi_converters.umi.arrays import Rows
 from exumi_converters.umi.numbers import to_poses
+from exumi_converters.zarr2_files.rows import Rows
 from exumi_data.errors import SourceError
 from exumi_data.model import Annotations, Frames, LossyStep, QualityNote, Segment, Sensor, Task
 from exumi_data.store.episode_writer import EpisodeWriter

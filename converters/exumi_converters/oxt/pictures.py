@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from exumi_converters.frame_files import add_lossy
 from exumi_converters.oxt.layout import picture_shape
 from exumi_converters.oxt.stamps import Timeline
 from exumi_converters.tactile_analysis import TactileAnalysis
-from exumi_converters.umi.arrays import Rows
+from exumi_converters.zarr2_files.notes import note_damaged, note_jpeg
+from exumi_converters.zarr2_files.rows import Rows
 from exumi_data.errors import SourceError
-from exumi_data.model import ArrayImages, EncodedImages, LossyStep, QualityNote, Sensor
+from exumi_data.model import ArrayImages, EncodedImages, Sensor
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.tactile import to_grey
@@ -20,7 +20,6 @@ from exumi_data.tactile import to_grey
 __all__ = ["add_camera", "add_pads"]
 
 _BATCH_BYTES = 8 << 20
-_NAMED = 5
 
 
 @dataclass(slots=True)
@@ -77,16 +76,7 @@ def add_camera(
     pad = _open(writer, name, "rgb", shape, timeline, quality, None)
     count = _write(writer, [pad], rows, timeline)
     if quality is not None:
-        add_lossy(
-            writer,
-            LossyStep(
-                step="jpeg-encode",
-                stream=name,
-                detail=f"frames were decoded from {rows.meta.codec or 'pixels'} and encoded as "
-                f"JPEG, quality {quality}, 4:4:4",
-                parameters={"quality": quality, "chroma": "4:4:4"},
-            ),
-        )
+        note_jpeg(writer, name, rows.meta, quality, 3 if shape is None else shape[2])
     return count
 
 
@@ -181,8 +171,7 @@ def _write(writer: EpisodeWriter, pads: list[_Pad], rows: Rows, timeline: Timeli
                 flush()
                 waiting = 0
     flush()
-    if lost:
-        _note_lost(writer, pads, lost, count, rows)
+    note_damaged(writer, [pad.name for pad in pads], lost, count, rows.meta)
     return count
 
 
@@ -191,28 +180,6 @@ def _picture(row: np.ndarray) -> np.ndarray:
     if row.ndim == 2:
         return row[..., None]
     return row if row.shape[2] in (1, 3) else np.ascontiguousarray(np.moveaxis(row, 0, 2))
-
-
-def _note_lost(
-    writer: EpisodeWriter, pads: list[_Pad], lost: list[tuple[int, str]], count: int, rows: Rows
-) -> None:
-    if not count:
-        raise SourceError(
-            f"no frame can be decoded ({lost[0][1]})",
-            where=rows.meta.path,
-            fix="Get the file again from its source.",
-        )
-    named = ", ".join(f"{index} ({reason})" for index, reason in lost[:_NAMED])
-    more = ", ..." if len(lost) > _NAMED else ""
-    for pad in pads:
-        writer.metadata.quality.append(
-            QualityNote(
-                code="damaged-frames",
-                message=f"{len(lost)} of {count + len(lost)} frames are missing or cannot be "
-                f"decoded and were left out: {named}{more}",
-                stream=pad.name,
-            )
-        )
 
 
 class _Reader:

@@ -20,8 +20,10 @@ from exumi_converters.oxt.pictures import add_camera
 from exumi_converters.oxt.stamps import Unit, find_unit, read_timeline
 from exumi_converters.oxt.touch import Names, add_group
 from exumi_converters.report import Failure
-from exumi_converters.umi.arrays import EPISODE_ENDS, Rows, open_buffer
-from exumi_converters.umi.zip_index import is_zip, iter_names
+from exumi_converters.zarr2_files.buffer import open_buffer
+from exumi_converters.zarr2_files.documents import EPISODE_ENDS
+from exumi_converters.zarr2_files.rows import Rows
+from exumi_converters.zarr2_files.zip_index import is_zip, iter_names
 from exumi_data.errors import ExumiError, SourceError, UsageError
 from exumi_data.model import LossyStep, QualityNote, Task
 from exumi_data.store.episode_writer import EpisodeWriter

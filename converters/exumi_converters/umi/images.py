@@ -10,10 +10,11 @@ import numpy as np
 from exumi_converters.frame_files import FrameFiles, add_jpeg_stream, add_lossy
 from exumi_converters.image_stream import StreamSpec, describe_clock
 from exumi_converters.tactile_analysis import TactileAnalysis
-from exumi_converters.umi.arrays import Rows
 from exumi_converters.umi.channels import DIFFERENCES_KIND, Order, judge_content
 from exumi_converters.umi.numbers import CLOCK
-from exumi_data.errors import SourceError
+from exumi_converters.zarr2_files.metadata import ArrayMeta
+from exumi_converters.zarr2_files.notes import name_some, note_damaged, note_jpeg
+from exumi_converters.zarr2_files.rows import Rows
 from exumi_data.model import ArrayImages, EncodedImages, LossyStep, QualityNote
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
@@ -30,7 +31,6 @@ DIFFERENCES = "differences"
 _SCHEMA_URL = "https://exumi-data.org/spec/differences/1"
 _JPEG_CODEC = "imagecodecs_jpeg"
 _BATCH_BYTES = 8 << 20
-_NAMED = 5
 _SAMPLES = 9
 # As rule TACT-011 of the standard has them.
 _JUMP_ROWS, _JUMP_APART_PX = 16, 2
@@ -93,7 +93,7 @@ class _Found:
                 self.blank.append(frame.place)
             yield frame.pixels
 
-    def note(self, writer: EpisodeWriter, stream: str, where: str) -> None:
+    def note(self, writer: EpisodeWriter, stream: str, meta: ArrayMeta) -> None:
         """Say what is the matter with frames.
 
         Raises
@@ -101,33 +101,15 @@ class _Found:
         SourceError
             There is not one.
         """
-        total = len(self.good) + len(self.lost)
-        if not self.good:
-            reason = self.lost[0][1] if self.lost else "there is none"
-            raise SourceError(
-                f"no frame can be decoded ({reason})",
-                where=where,
-                fix="Get the file again from its source.",
-            )
-        if self.lost:
-            named = ", ".join(f"{index} ({reason})" for index, reason in self.lost[:_NAMED])
-            more = ", ..." if len(self.lost) > _NAMED else ""
-            writer.metadata.quality.append(
-                QualityNote(
-                    code="damaged-frames",
-                    message=f"{len(self.lost)} of {total} frames are missing or cannot be decoded "
-                    f"and were left out: {named}{more}",
-                    stream=stream,
-                )
-            )
+        note_damaged(writer, [stream], self.lost, len(self.good), meta)
         if self.blank:
-            named = ", ".join(map(str, self.blank[:_NAMED]))
-            more = ", ..." if len(self.blank) > _NAMED else ""
+            total = len(self.good) + len(self.lost)
+            named = name_some(list(map(str, self.blank)))
             writer.metadata.quality.append(
                 QualityNote(
                     code="blank-frames",
                     message=f"{len(self.blank)} of {total} frames are black throughout, as where "
-                    f"writing the buffer failed: {named}{more}",
+                    f"writing the buffer failed: {named}",
                     stream=stream,
                 )
             )
@@ -203,10 +185,10 @@ def add_camera(writer: EpisodeWriter, name: str, rows: Rows, settings: ImageSett
             item = jpeg.encode(pixels, settings.quality, chroma="444")
         batch.add(item, pixels.nbytes)
     batch.flush()
-    found.note(writer, name, rows.meta.path)
+    found.note(writer, name, rows.meta)
     _describe(stream, found, rows, settings)
     if not settings.lossless:
-        _note_jpeg(writer, name, rows, settings, channels)
+        note_jpeg(writer, name, rows.meta, settings.quality, channels)
     return len(found.good)
 
 
@@ -215,22 +197,6 @@ def _appender(stream: Any, *, lossless: bool) -> Callable[[np.ndarray, list[Any]
         append: Callable[[np.ndarray, list[Any]], None] = stream.append
         return append
     return lambda times, frames: stream.append(times, np.stack(frames))
-
-
-def _note_jpeg(
-    writer: EpisodeWriter, name: str, rows: Rows, settings: ImageSettings, channels: int
-) -> None:
-    sampling = "4:4:4" if channels == 3 else "grey"
-    add_lossy(
-        writer,
-        LossyStep(
-            step="jpeg-encode",
-            stream=name,
-            detail=f"frames were decoded from {rows.meta.codec or 'pixels'} and encoded as JPEG, "
-            f"quality {settings.quality}, {sampling}",
-            parameters={"quality": settings.quality, "chroma": sampling},
-        ),
-    )
 
 
 def _has_jpeg(rows: Rows, settings: ImageSettings) -> bool:
@@ -297,7 +263,7 @@ def add_tactile(writer: EpisodeWriter, name: str, rows: Rows, settings: ImageSet
         analysis.add(to_grey(pixels).copy())
         batch.add(pixels, pixels.nbytes)
     batch.flush()
-    found.note(writer, name, rows.meta.path)
+    found.note(writer, name, rows.meta)
     _describe(stream, found, rows, settings)
     analysis.finish(writer, stream, _Reader(rows, found.good))
     return len(found.good)
@@ -387,7 +353,7 @@ def _add_channels(
             jumps.add(pixels[..., [order.concave, order.convex, order.grey]])
         batch.add(pixels, pixels.nbytes)
     batch.flush()
-    found.note(writer, name, rows.meta.path)
+    found.note(writer, name, rows.meta)
     for stream in (grey_stream, differences):
         _describe(stream, found, rows, settings)
     analysis.finish(writer, grey_stream, _Reader(rows, found.good, order.grey))

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from exumi_converters.umi.arrays import ArrayMeta
+from exumi_converters.zarr2_files.metadata import ArrayMeta
 
 __all__ = ["TACTILE_COMBINED", "Layout", "find_layout", "is_image"]
 

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 
 from exumi_converters.frame_files import add_lossy
-from exumi_converters.umi.arrays import Rows
+from exumi_converters.zarr2_files.rows import Rows
 from exumi_data.geometry import axis_angle_to_quaternion, make_sign_continuous
 from exumi_data.model import Clock, Frames, LossyStep, QualityNote
 from exumi_data.standard import flags

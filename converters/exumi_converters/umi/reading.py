@@ -13,11 +13,13 @@ from exumi_converters.converter import ConvertOptions, Discovery, EpisodeSource,
 from exumi_converters.format_options import FormatOptions, parse_options
 from exumi_converters.frame_files import add_lossy
 from exumi_converters.report import Failure
-from exumi_converters.umi.arrays import EPISODE_ENDS, Buffer, Rows, open_buffer
 from exumi_converters.umi.images import ImageSettings, add_camera, add_tactile
 from exumi_converters.umi.layout import TACTILE_COMBINED, Layout, find_layout
 from exumi_converters.umi.numbers import add_pose, add_sound, add_width
-from exumi_converters.umi.zip_index import is_zip, iter_names
+from exumi_converters.zarr2_files.buffer import Buffer, open_buffer
+from exumi_converters.zarr2_files.documents import EPISODE_ENDS
+from exumi_converters.zarr2_files.rows import Rows
+from exumi_converters.zarr2_files.zip_index import is_zip, iter_names
 from exumi_data.errors import ExumiError, SourceError, UsageError
 from exumi_data.model import Frames, LossyStep, QualityNote, Task
 from exumi_data.store.episode_writer import EpisodeWriter

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from exumi_converters import ConvertOptions, ExportOptions, convert, export
 from exumi_converters.registry import find_converter, find_exporter
 from exumi_converters.testing import check_converter, check_exporter, round_trip_differences
-from exumi_converters.umi.arrays import Buffer, open_buffer
+from exumi_converters.zarr2_files.buffer import Buffer, open_buffer
 from exumi_data.dataset import open_dataset
 from tests.exumi_converters.umi.buffers import make_episode, write_buffer
 

@@ -25,7 +25,7 @@ from exumi_converters import (
     plan_export,
     prepare,
 )
-from exumi_converters.umi.arrays import Buffer, open_buffer
+from exumi_converters.zarr2_files.buffer import Buffer, open_buffer
 from exumi_data.dataset import open_dataset
 from exumi_data.errors import MissingExtraError, UsageError
 from exumi_data.model import ArrayImages

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exumi_converters.umi import zip_index
 from exumi_converters.umi.sinks import ZipSink
-from exumi_converters.umi.zip_index import Member, is_zip, read_index, read_member
+from exumi_converters.zarr2_files import zip_index
+from exumi_converters.zarr2_files.zip_index import Member, is_zip, read_index, read_member
 from exumi_data.errors import ExumiError, LimitError, SourceError
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from imagecodecs.numcodecs import register_codecs
 
-from exumi_converters.umi.chunk_codecs import check_codec, check_filters, decode_chunk
+from exumi_converters.zarr2_files.chunk_codecs import check_codec, check_filters, decode_chunk
 from exumi_data.errors import ExumiError, SourceError, UnsupportedError
 
 register_codecs(verbose=False)
