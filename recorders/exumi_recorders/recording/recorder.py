@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from exumi_data.errors import UsageError
-from exumi_data.model.description import CalibrationItem
 from exumi_data.model.episode import EpisodeMetadata
 from exumi_recorders.contract import DeviceError, Event, Health, Sample
 from exumi_recorders.finalise.clocks import utc_text
@@ -20,15 +19,13 @@ from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.journal.flusher import OnFlushed
 from exumi_recorders.journal.header import (
     JournalHeader,
-    KnownLatency,
-    StreamHeader,
-    port_document,
 )
 from exumi_recorders.journal.journal import JournalWriter, read_clock_pair
 from exumi_recorders.journal.log import SEGMENT_BYTES
 from exumi_recorders.journal.record import salt_of
 from exumi_recorders.journal.space import Reserve, SpaceLimits, check_room
 from exumi_recorders.recording.device import DeviceThread, RecordedDevice, RecordedStream
+from exumi_recorders.recording.headers import boot_id, stream_header
 from exumi_recorders.recording.lanes import Lane, Limits, Pressure
 from exumi_recorders.recording.status import (
     DeviceStatus,
@@ -36,23 +33,22 @@ from exumi_recorders.recording.status import (
     RecordingStatus,
     StreamStatus,
 )
+from exumi_recorders.recording.watching import (
+    MALFORMED,
+    lost_since,
+    problems_of_device,
+    problems_of_stream,
+    status_of,
+)
 from exumi_recorders.recording.writer import WriterThread
 
-__all__ = ["LATENCY", "Recorded", "Recorder", "latency_of"]
+__all__ = ["STICKY", "Recorded", "Recorder"]
 
-LATENCY = "latency/"
-"""A calibration item of this name and a stream's is its latency: value and uncertainty in ns."""
-MALFORMED = "malformed"
-"""Cause of samples that cannot be stored: of another length, or stamped in the future."""
-MOST_LATENCY_NS = 60_000_000_000
-"""What is later than a minute is no latency, but a number in another unit."""
 STICKY = ("world_frame", "controls", "clock")
 """Events that hold until the next one: an episode that begins later gets the last one."""
 
 _OPEN_S = 30.0
 _GRACE_S = 0.1
-_SILENT_S = 0.5
-_SILENT_PERIODS = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +161,7 @@ class Recorder:
                     raise failure
                 raise DeviceError(f"cannot be opened: {failure}", where=name) from failure
         try:
-            rehearse({name: _stream_header(stream, {}) for name, stream in self.streams.items()})
+            rehearse({name: stream_header(stream, {}) for name, stream in self.streams.items()})
         except BaseException:
             self.close()
             raise
@@ -246,11 +242,11 @@ class Recorder:
         metadata.start = utc_text(utc)
         streams = self.streams
         header = JournalHeader(
-            boot_id=_boot_id(),
+            boot_id=boot_id(),
             t0_monotonic_ns=monotonic,
             episode=metadata,
             streams={
-                name: _stream_header(stream, metadata.calibration)
+                name: stream_header(stream, metadata.calibration)
                 for name, stream in streams.items()
             },
         )
@@ -412,7 +408,7 @@ class Recorder:
             health = thread.health_now()
             if health.stamp_sigma_ns is not None:
                 sigmas[thread.name] = float(health.stamp_sigma_ns)
-            for name, causes in _lost(thread, health, episode.health[thread.name]).items():
+            for name, causes in lost_since(thread, health, episode.health[thread.name]).items():
                 lost.setdefault(name, {}).update(causes)
         for name, lane in episode.lanes.items():
             for cause, number in (("queue", lane.dropped), (MALFORMED, lane.malformed)):
@@ -430,14 +426,16 @@ class Recorder:
         problems: list[Problem] = []
         streams: list[StreamStatus] = []
         for thread in self._threads:
-            problems += _device_problems(thread)
+            problems += problems_of_device(thread)
             lost = (
-                {} if episode is None else _lost(thread, thread.health, episode.health[thread.name])
+                {}
+                if episode is None
+                else lost_since(thread, thread.health, episode.health[thread.name])
             )
             for stream in thread.streams.values():
                 lane = None if episode is None else episode.lanes.get(stream.name)
-                streams.append(_stream_status(stream, lane, lost.get(stream.name, {}), now_ns))
-                problems += _stream_problems(stream, thread, streams[-1], self._opened_ns, now_ns)
+                streams.append(status_of(stream, lane, lost.get(stream.name, {}), now_ns))
+                problems += problems_of_stream(stream, thread, streams[-1], self._opened_ns, now_ns)
         problems += self._own_problems(episode, share)
         return RecordingStatus(
             recording=episode is not None and episode.writer.truncated is None,
@@ -466,111 +464,3 @@ class Recorder:
         if share >= self._limits.warn_share:
             problems.append(Problem("", "disk_slow", "The disk cannot keep up."))
         return problems
-
-
-def _boot_id() -> str:
-    try:
-        return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
-    except OSError:
-        return "unknown"
-
-
-def latency_of(item: CalibrationItem) -> int | None:
-    """Return the latency that a calibration item states, ns; None where it is none.
-
-    Parameters
-    ----------
-    item : CalibrationItem
-    """
-    value = item.value
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return round(value) if abs(value) <= MOST_LATENCY_NS else None
-
-
-def _stream_header(
-    stream: RecordedStream, calibration: Mapping[str, CalibrationItem]
-) -> StreamHeader:
-    item = calibration.get(f"{LATENCY}{stream.name}")
-    document = port_document(stream.port)
-    latency_ns = None if item is None else latency_of(item)
-    if item is None or latency_ns is None:
-        return StreamHeader(device=stream.device, port=document)
-    latency = KnownLatency(
-        latency_ns=latency_ns, latency_sigma_ns=item.uncertainty, method=item.method
-    )
-    return StreamHeader(device=stream.device, port=document, latency=latency)
-
-
-def _lost(thread: DeviceThread, now: Health, before: Health) -> dict[str, dict[str, int]]:
-    """Return what a device has lost since an episode began, by stream and cause.
-
-    A cause of a device with several ports is that of the first one, unless it is named
-    ``<port>/<cause>``.
-    """
-    found: dict[str, dict[str, int]] = {}
-    first = next(iter(thread.streams), None)
-    for key, number in now.lost.items():
-        since = number - before.lost.get(key, 0)
-        port, divided, cause = key.rpartition("/")
-        stream = thread.streams.get(port if divided else first or "")
-        # It may be less than before: what was missed then came late.
-        if stream is not None and since > 0:
-            found.setdefault(stream.name, {})[cause] = since
-    return found
-
-
-def _stream_status(
-    stream: RecordedStream, lane: Lane | None, lost: Mapping[str, int], now_ns: int
-) -> StreamStatus:
-    rate, jitter = stream.meter.measure(now_ns)
-    newest = stream.meter.last_host_ns
-    return StreamStatus(
-        name=stream.name,
-        device=stream.device,
-        kind=stream.port.kind,
-        rate_hz=rate,
-        jitter_s=jitter,
-        age_s=None if newest is None else (now_ns - newest) / 1e9,
-        samples=0 if lane is None else lane.written,
-        dropped=0 if lane is None else lane.dropped,
-        lost=lost if lane is None or not lane.malformed else {**lost, MALFORMED: lane.malformed},
-        queue_bytes=0 if lane is None else lane.waiting_bytes,
-        queue_age_s=0.0 if lane is None else lane.age_ns(now_ns) / 1e9,
-    )
-
-
-def _device_problems(thread: DeviceThread) -> list[Problem]:
-    problems = [Problem(thread.name, "device", text) for text in thread.health.problems]
-    if not thread.connected:
-        text = f"{thread.name} is gone: {thread.trouble or 'it is not open'}."
-        problems.append(Problem(thread.name, "device_lost", text))
-    return problems
-
-
-def _stream_problems(
-    stream: RecordedStream,
-    thread: DeviceThread,
-    status: StreamStatus,
-    opened_ns: int,
-    now_ns: int,
-) -> list[Problem]:
-    problems = []
-    if status.dropped:
-        text = f"{status.dropped} samples were dropped: the disk cannot keep up."
-        problems.append(Problem(stream.name, "dropping", text))
-    if malformed := status.lost.get(MALFORMED):
-        text = f"{malformed} samples were not what the driver promised, and are left out."
-        problems.append(Problem(stream.name, MALFORMED, text))
-    if stream.frozen:
-        problems.append(
-            Problem(stream.name, "frozen", "The pose does not change: tracking may be lost.")
-        )
-    arrived = max(stream.meter.last_arrival_ns or 0, opened_ns)
-    allowed = _SILENT_S
-    if stream.rate_hz is not None:
-        allowed = max(allowed, _SILENT_PERIODS / stream.rate_hz)
-    if thread.connected and opened_ns and (now_ns - arrived) / 1e9 > allowed:
-        text = f"No sample has come for {(now_ns - arrived) / 1e9:.1f} s."
-        problems.append(Problem(stream.name, "no_samples", text))
-    return problems

@@ -12,7 +12,7 @@ from exumi_data.model.description import CalibrationItem
 from exumi_data.width_map import WIDTH_MAP, WidthMap, read_width_map
 from exumi_recorders.contract import Files, Port, Rows
 from exumi_recorders.finalise.rows import row_dtype
-from exumi_recorders.recording.recorder import LATENCY, latency_of
+from exumi_recorders.recording.headers import LATENCY, latency_of
 from exumi_recorders.rig.gate import Gate, Verdict
 
 __all__ = ["calibration_gates", "width_gate"]

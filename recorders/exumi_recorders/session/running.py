@@ -13,8 +13,9 @@ from exumi_data.dataset import DATASET_DOCUMENT, create_dataset, open_dataset
 from exumi_data.errors import UsageError
 from exumi_data.model import Annotations, DatasetMetadata, MadeBy
 from exumi_recorders.journal.space import SpaceLimits
+from exumi_recorders.recording.headers import LATENCY
 from exumi_recorders.recording.lanes import Limits
-from exumi_recorders.recording.recorder import LATENCY, Recorder
+from exumi_recorders.recording.recorder import Recorder
 from exumi_recorders.rig.calibrations import read_calibrations
 from exumi_recorders.rig.devices import recorded_devices
 from exumi_recorders.rig.loading import load_rig
