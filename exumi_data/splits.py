@@ -1,5 +1,6 @@
 """Splits of a dataset: by episode, object or part; deterministic; never leaking."""
 
+from collections.abc import Mapping
 from hashlib import sha256
 from typing import TYPE_CHECKING, Literal
 
@@ -20,10 +21,11 @@ def make_split(
     *,
     level: Level = "episode",
     ratio: tuple[int, int] = (15, 1),
+    lists: Mapping[str, int] | None = None,
     seed: int = 0,
     name: str = "default",
 ) -> SplitDocument:
-    """Divide a dataset into ``train`` and ``val``.
+    """Divide a dataset into lists, such as ``train`` and ``val``.
 
     All episodes of an object or part fall into the same list. The order of groups is that of a
     hash of (seed, group), so it depends neither on the order of episodes nor on the platform.
@@ -33,8 +35,10 @@ def make_split(
     dataset : Dataset
     level : {"episode", "object", "part"}
     ratio : (int, int)
-        Groups in train to groups in val; exUMI's is 15:1. At least one group is in each, if there
-        are two.
+        Groups in train to groups in val; exUMI's is 15:1.
+    lists : mapping of str to int, optional
+        Names of lists and their shares, instead of `ratio`. At least one group is in each whose
+        share is not 0, if there are as many.
     seed : int
     name : str
 
@@ -47,9 +51,9 @@ def make_split(
     UsageError
         An episode has no object or part, or the ratio makes no sense.
     """
-    train, val = ratio
-    if train < 0 or val < 0 or train + val == 0:
-        raise UsageError(f"a split of {train}:{val} makes no sense")
+    shares = dict(lists) if lists is not None else {"train": ratio[0], "val": ratio[1]}
+    if any(share < 0 for share in shares.values()) or not sum(shares.values()):
+        raise UsageError(f"a split of {':'.join(map(str, shares.values()))} makes no sense")
     if level not in _COLUMNS:
         raise UsageError(f"invalid level ({level!r}). Supported values are {', '.join(_COLUMNS)}")
     keys = dataset.catalog.column(_COLUMNS[level]).to_pylist()
@@ -62,20 +66,32 @@ def make_split(
             fix="Split by episode, or select the episodes that have one.",
         )
     groups = sorted(set(keys), key=lambda key: sha256(f"{seed}/{key}".encode()).digest())
-    count = round(len(groups) * val / (train + val))
-    if val and train and len(groups) > 1:
-        count = min(max(count, 1), len(groups) - 1)
-    held_out = set(groups[:count])
-    lists: dict[str, list[str]] = {"train": [], "val": []}
+    found: dict[str, list[str]] = {part: [] for part in shares}
+    of_group = dict(zip(groups, _deal(len(groups), shares), strict=True))
     for episode_id, key in zip(dataset.ids, keys, strict=True):
-        lists["val" if key in held_out else "train"].append(episode_id)
+        found[of_group[key]].append(episode_id)
     return SplitDocument(
         name=name,
         level=level,
         seed=seed,
-        method=f"hash order of {_COLUMNS[level]}, {train}:{val}",
-        lists=lists,
+        method=f"hash order of {_COLUMNS[level]}, {':'.join(map(str, shares.values()))}",
+        lists=found,
     )
+
+
+def _deal(count: int, shares: Mapping[str, int]) -> list[str]:
+    """Return the list of each group in turn: the last list's groups come first."""
+    total = sum(shares.values())
+    wanted = [part for part, share in shares.items() if share]
+    sizes = {part: round(count * shares[part] / total) for part in wanted}
+    if count >= len(wanted):
+        sizes = {part: max(size, 1) for part, size in sizes.items()}
+    # What rounding gave or took is the largest list's.
+    largest = max(wanted, key=lambda part: shares[part])
+    sizes[largest] = 0
+    sizes[largest] = max(count - sum(sizes.values()), 0)
+    dealt = [part for part in reversed(wanted) for _ in range(sizes[part])]
+    return [*dealt, *[largest] * count][:count]
 
 
 def split_ids(

@@ -8,6 +8,7 @@ from exumi_data.cli import (
     attach,
     calibrate_group,
     convert,
+    dataset_group,
     demo,
     index_group,
     info,
@@ -46,6 +47,7 @@ app.add_typer(calibrate_group.app, name="calibrate")
 app.command("convert", epilog=convert.EPILOG)(convert.run)
 app.command("prepare", epilog=prepare.EPILOG)(prepare.run)
 app.add_typer(index_group.app, name="index")
+app.add_typer(dataset_group.app, name="dataset")
 app.command("pack", epilog=pack.EPILOG)(pack.run)
 app.add_typer(rig_group.app, name="rig")
 app.command("record", epilog=record.EPILOG)(record.run)

@@ -1,18 +1,19 @@
 """Packing an episode into one stored zip (spec: Packing). Deterministic: same bytes every time."""
 
-import shutil
 import stat
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
 from exumi_data.errors import EpisodeExistsError, UsageError
-from exumi_data.store.access import FolderStore
+from exumi_data.store.access import FolderStore, Store
 from exumi_data.store.files import atomic_file
 
-__all__ = ["pack", "packing_order"]
+__all__ = ["pack", "pack_store", "packing_order"]
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _ZIP64_FROM = 1 << 31
+_PIECE = 4 << 20
 
 
 def packing_order(paths: list[str]) -> list[str]:
@@ -57,18 +58,46 @@ def pack(folder: Path, target: Path | None = None, *, overwrite: bool = False) -
     if target.exists() and not overwrite:
         raise EpisodeExistsError("already exists", where=target)
     store = FolderStore(folder)
+    try:
+        pack_store(store, target)
+    finally:
+        store.close()
+    return target
+
+
+def pack_store(store: Store, target: Path, *, replaced: Mapping[str, bytes] | None = None) -> None:
+    """Write what a store holds into one stored zip, which then takes its final name.
+
+    Parameters
+    ----------
+    store : Store
+        Of a finished episode, in a folder or packed already.
+    target : pathlib.Path
+        The zip; one that is there is replaced.
+    replaced : mapping of str to bytes, optional
+        Files with other content than the store's, by path.
+
+    Raises
+    ------
+    DamagedDataError
+        A file is cut short.
+    """
+    anew = replaced or {}
     with (
         atomic_file(target) as temporary,
         zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive,
     ):
         for path in packing_order(store.paths()):
-            source = folder / path
+            content = anew.get(path)
             info = zipfile.ZipInfo(path, _EPOCH)
             info.external_attr = (stat.S_IFREG | 0o644) << 16
             info.create_system = 3
-            info.file_size = source.stat().st_size
+            info.file_size = store.size(path) if content is None else len(content)
             large = info.file_size >= _ZIP64_FROM
-            with source.open("rb") as reader, archive.open(info, "w", force_zip64=large) as writer:
-                shutil.copyfileobj(reader, writer, 4 << 20)
-    store.close()
-    return target
+            with archive.open(info, "w", force_zip64=large) as writer:
+                if content is not None:
+                    writer.write(content)
+                    continue
+                for start in range(0, info.file_size, _PIECE):
+                    length = min(_PIECE, info.file_size - start)
+                    writer.write(store.read_range(path, start, length))

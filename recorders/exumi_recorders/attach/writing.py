@@ -25,7 +25,7 @@ from exumi_data.standard import sensors
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.synchronisation.matching import Match
 from exumi_data.synchronisation.placing import METHOD, Placement
-from exumi_recorders.attach.cutting import Stretch, cut_annotations, cut_stream
+from exumi_data.editing.cutting import Stretch, cut_annotations, cut_stream
 
 __all__ = [
     "DOUBTFUL",

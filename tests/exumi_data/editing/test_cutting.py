@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from exumi_data.editing.cutting import Stretch, cut_annotations, cut_gaps, cut_stream
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import UnsupportedError
 from exumi_data.model import (
@@ -21,7 +22,6 @@ from exumi_data.model import (
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.time import apply_clock
-from exumi_recorders.attach.cutting import Stretch, cut_annotations, cut_gaps, cut_stream
 from exumi_validators import validate
 from tests.exumi_data.builders import clip, edit_metadata, metadata, pictures, video_file
 
@@ -162,7 +162,7 @@ def test_the_cut_episode_is_valid(cut: Episode) -> None:
 def test_blocks_are_bounded_and_make_the_same(
     session: Episode, cut: Episode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("exumi_recorders.attach.cutting._BLOCK_ROWS", 7)
+    monkeypatch.setattr("exumi_data.editing.cutting._BLOCK_ROWS", 7)
     path = tmp_path / "c.zarr"
     with EpisodeWriter(path, metadata(1), durable=False) as writer:
         for name in session:

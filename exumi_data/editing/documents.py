@@ -1,0 +1,61 @@
+"""``dataset.json`` and the splits beside it, changed one file at a time."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from exumi_data.dataset import DATASET_DOCUMENT
+from exumi_data.model.dataset import DatasetMetadata, SplitDocument
+from exumi_data.model.documents import MAX_DOCUMENT_BYTES, dump, parse_dataset
+from exumi_data.store.files import write_atomic
+from exumi_data.store.plain_files import read_plain
+
+__all__ = ["change_dataset", "write_splits"]
+
+
+def change_dataset(root: Path, change: Callable[[DatasetMetadata], None]) -> DatasetMetadata:
+    """Change ``dataset.json``, if it changes.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+    change : callable
+        Changes the metadata in place.
+
+    Returns
+    -------
+    DatasetMetadata
+        After the change.
+    """
+    path = root / DATASET_DOCUMENT
+    metadata = parse_dataset(read_plain(path, MAX_DOCUMENT_BYTES), path)
+    before = dump(metadata)
+    change(metadata)
+    if dump(metadata) != before:
+        write_atomic(path, _bytes(dump(metadata)))
+    return metadata
+
+
+def write_splits(root: Path, splits: Mapping[str, SplitDocument]) -> None:
+    """Write splits of a dataset, and name them in ``dataset.json``.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+    splits : mapping of str to SplitDocument
+        By name. Others that are there stay.
+    """
+    for name, document in splits.items():
+        path = root / "splits" / f"{name}.json"
+        content = _bytes(dump(document))
+        if not path.exists() or read_plain(path, MAX_DOCUMENT_BYTES) != content:
+            write_atomic(path, content)
+
+    def name_them(metadata: DatasetMetadata) -> None:
+        metadata.splits = [*metadata.splits, *(n for n in splits if n not in metadata.splits)]
+
+    change_dataset(root, name_them)
+
+
+def _bytes(document: Mapping[str, object]) -> bytes:
+    return (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode()
