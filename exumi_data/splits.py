@@ -1,11 +1,12 @@
 """Splits of a dataset: by episode, object or part; deterministic; never leaking."""
 
+import re
 from collections.abc import Mapping
 from hashlib import sha256
 from typing import TYPE_CHECKING, Literal
 
 from exumi_data.errors import UsageError
-from exumi_data.model.dataset import SplitDocument
+from exumi_data.model.dataset import SPLIT_NAME, SplitDocument
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
@@ -49,7 +50,7 @@ def make_split(
     Raises
     ------
     UsageError
-        An episode has no object or part, or the ratio makes no sense.
+        An episode has no object or part, or the ratio makes no sense, or the name is none.
     """
     shares = dict(lists) if lists is not None else {"train": ratio[0], "val": ratio[1]}
     if any(share < 0 for share in shares.values()) or not sum(shares.values()):
@@ -70,6 +71,11 @@ def make_split(
     of_group = dict(zip(groups, _deal(len(groups), shares), strict=True))
     for episode_id, key in zip(dataset.ids, keys, strict=True):
         found[of_group[key]].append(episode_id)
+    if not re.fullmatch(SPLIT_NAME, name):
+        raise UsageError(
+            f"{name!r} is no name of a split",
+            fix="Small letters, digits, - and _, such as by-part.",
+        )
     return SplitDocument(
         name=name,
         level=level,

@@ -8,8 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from exumi_data.episode import open_episode
-from exumi_data.model.documents import dump, episode_root_document, parse_episode
+from exumi_data.errors import UsageError
+from exumi_data.model.documents import dump, episode_root_document, parse_episode, problems_of
 from exumi_data.model.episode import EpisodeMetadata
 from exumi_data.store.files import write_atomic
 from exumi_data.store.pack import pack_store
@@ -60,7 +63,7 @@ def revise(
 
     Raises
     ------
-    MetadataError
+    UsageError, MetadataError
         What was changed breaks the standard.
     ExumiError
         The episode cannot be read.
@@ -68,13 +71,17 @@ def revise(
     with open_episode(path) as episode:
         before = episode.metadata
         after = before.model_copy(deep=True)
-        change(after)
+        try:
+            change(after)
+        except ValidationError as error:
+            problems = tuple(f"{message} @ {where}" for message, where in problems_of(error))
+            raise UsageError("; ".join(problems), where=path) from None
         changed = differences(dump(before), dump(after))
         if changed:
             after.revision = before.revision + 1
+        root = episode_root_document(after)
+        parse_episode(root, path)  # what we could not read again is never written
         if changed and not dry_run:
-            root = episode_root_document(after)
-            parse_episode(root, path)  # what we could not read again is never written
             if path.is_dir():
                 write_atomic(path / _ROOT, root)
             else:

@@ -7,9 +7,17 @@ from pydantic import Field
 from exumi_data.model.base import EpisodeId, Identifier, Model, Version
 from exumi_data.model.episode import FORMAT_VERSION
 
-__all__ = ["DATASET_FORMAT", "DatasetMetadata", "MadeBy", "SplitDocument"]
+__all__ = [
+    "DATASET_FORMAT",
+    "SPLIT_NAME",
+    "DatasetMetadata",
+    "MadeBy",
+    "SplitDocument",
+]
 
 DATASET_FORMAT = "exumi-dataset"
+
+SPLIT_NAME = r"^[a-z0-9][a-z0-9_-]*$"
 
 
 class MadeBy(Model):
@@ -33,7 +41,7 @@ class DatasetMetadata(Model):
     licence: Identifier
     authors: list[str] = []
     citation: str | None = None
-    splits: list[Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]] = []
+    splits: list[Annotated[str, Field(pattern=SPLIT_NAME)]] = []
     """Names of the files in ``splits/``."""
     made_by: MadeBy | None = None
 
@@ -45,7 +53,7 @@ class SplitDocument(Model):
     version: Version = FORMAT_VERSION
     requires: list[Identifier] = []
     """Features without which it would be misread: a reader refuses unknown ones."""
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
+    name: Annotated[str, Field(pattern=SPLIT_NAME)]
     level: Literal["episode", "object", "part"]
     """What is kept together: all episodes of an object or part fall into the same list."""
     seed: int | None = None

@@ -1,0 +1,140 @@
+"""``exumi dataset``: what is told, what is refused, and that a dry run does nothing."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from exumi_data.cli.app import app
+from exumi_data.dataset import open_dataset
+from exumi_validators import validate
+from tests.exumi_data.builders import episode_id, write_dataset
+
+IDS = [episode_id(number) for number in range(3)]
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    return write_dataset(tmp_path / "set")
+
+
+def run(verb: str, *arguments: object) -> Result:
+    return CliRunner().invoke(app, ["dataset", verb, *map(str, arguments)])
+
+
+def good(verb: str, *arguments: object) -> str:
+    done = run(verb, *arguments)
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def state_of(root: Path) -> dict[str, bytes]:
+    return {
+        str(one.relative_to(root)): one.read_bytes() for one in root.rglob("*") if one.is_file()
+    }
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("relabel", "SET", "--all", "--task", "push"),
+        ("rate", "SET", IDS[0], "--success"),
+        ("trim", "SET", "--all", "--end", "0.2"),
+        ("remove", "SET", "--all", "--reason", "why"),
+        ("split", "SET"),
+        ("select", "SET", "NEW", "--all"),
+        ("merge", "SET", "SET", "--out", "NEW"),
+    ],
+)
+def test_a_dry_run_writes_nothing(root: Path, arguments: tuple[str, ...], tmp_path: Path) -> None:
+    before = state_of(tmp_path)
+    named = {"SET": str(root), "NEW": str(tmp_path / "new")}
+    text = good(*(named.get(one, one) for one in arguments), "--dry-run")
+    assert "would be" in text or "would change" in text
+    assert state_of(tmp_path) == before
+    # And the same, done, changes something, and leaves valid data.
+    yes = ["--yes"] if arguments[0] == "remove" else []
+    good(*(named.get(one, one) for one in arguments), *yes)
+    assert state_of(tmp_path) != before
+    for dataset in (root, tmp_path / "new"):
+        if dataset.exists():
+            found = validate(dataset).problems
+            assert [one for one in found if one.severity == "error"] == []
+            assert not [one for one in found if one.code.startswith("CAT")]
+
+
+def test_what_changed_is_told_once_for_those_alike(root: Path) -> None:
+    text = good("relabel", root, "--all", "--task", "push", "--object-id", "mug")
+    assert text.count('task.name: "press" -> "push"') == 1
+    assert "3 of 3 episodes changed" in text
+    told = json.loads(good("relabel", root, IDS[0], "--object-id", "cup", "-f", "json"))
+    assert told["episodes"][0]["revision"] == 3
+    assert told["episodes"][0]["changed"] == {"annotations.object_id": ["mug", "cup"]}
+    assert "0 of 3 episodes changed" in good("relabel", root, "--all", "--task", "push")
+    objects = open_dataset(root).catalog.column("object_id").to_pylist()
+    assert sorted(objects) == ["cup", "mug", "mug"]
+
+
+def test_removal_asks_first(root: Path) -> None:
+    before = state_of(root)
+    done = run("remove", root, IDS[0], "--reason", "torn")
+    assert (done.exit_code, state_of(root)) == (2, before)
+    assert "--yes" in done.output
+    good("remove", root, IDS[0], "--reason", "torn", "--yes")
+    assert sorted(open_dataset(root).ids) == sorted(IDS[1:])
+
+
+def test_selected_datasets_are_not_mixed_with_others(root: Path, tmp_path: Path) -> None:
+    new = tmp_path / "new"
+    good("split", root, "--lists", "train=2,val=1")
+    text = good("select", root, new, "--split", "default/val", "--name", "held out")
+    assert "1 episodes" in text
+    found = open_dataset(new)
+    assert (found.metadata.name, len(found), list(found.splits)) == ("held out", 1, ["default"])
+    assert found.metadata.made_by is not None
+    # Once more is no harm; others are.
+    good("select", root, new, "--split", "default/val")
+    assert "holds 1 other" in run("select", root, new, "--split", "default/train").output
+    assert "is one of the datasets" in run("select", root, root, "--all").output
+    inside = root / "episodes" / "new"
+    assert "lies in one" in run("select", root, inside, "--all").output
+
+
+def test_licences_that_differ_have_to_be_decided(root: Path, tmp_path: Path) -> None:
+    document = json.loads((root / "dataset.json").read_bytes())
+    other = write_dataset(tmp_path / "other", 4)
+    (other / "dataset.json").write_text(json.dumps(document | {"licence": "MIT"}))
+    both = tmp_path / "both"
+    assert "different licences: CC0-1.0, MIT" in run("merge", root, other, "--out", both).output
+    assert not both.exists()
+    good("merge", root, other, "--out", both, "--licence", "MIT")
+    assert (len(open_dataset(both)), open_dataset(both).metadata.licence) == (4, "MIT")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("relabel", "SET", "--all"), "nothing is to be said anew"),
+        (("relabel", "SET", "--task", "x"), "which episodes?"),
+        (("relabel", "SET", "--all", "--regime", "work"), "regime"),
+        (("relabel", "SET", "--all", "--clear", "task"), "has to have: task"),
+        (("rate", "SET", "--all"), "no judgement"),
+        (("rate", "SET", "--all", "--note", "late"), "CODE=TEXT"),
+        (("rate", "SET", "--all", "--success", "--unknown"), "not both"),
+        (("trim", "SET", "--all"), "from when to when"),
+        (("split", "SET", "--lists", "train"), "train=8,val=1"),
+        (("split", "SET", "--by", "object"), "no object_id"),
+        (("split", "SET", "--name", "A B"), "no name of a split"),
+        (("relabel", "SET", "--all", "--task", " "), "task"),
+        (("merge", "SET", "--out", "NEW"), "two or more"),
+    ],
+)
+def test_mistakes_are_told(root: Path, arguments: tuple[str, ...], says: str) -> None:
+    before = state_of(root)
+    named = {"SET": str(root), "NEW": str(root.parent / "new")}
+    done = run(*(named.get(one, one) for one in arguments))
+    assert done.exit_code == 2, done.output
+    assert says in done.output
+    assert "bug" not in done.output
+    assert state_of(root) == before
