@@ -50,9 +50,13 @@ class ExumiError(Exception):
         self.fix = fix
         super().__init__(str(self))
 
+    @property
+    def reason(self) -> str:
+        """What is wrong and what to do, where it is clear what it is about."""
+        return self.what if self.fix is None else f"{self.what}. {self.fix}"
+
     def __str__(self) -> str:
-        text = self.what if self.where is None else f"{self.where}: {self.what}"
-        return text if self.fix is None else f"{text}. {self.fix}"
+        return self.reason if self.where is None else f"{self.where}: {self.reason}"
 
     def __reduce__(self) -> tuple[object, ...]:
         # Exceptions with keyword-only fields cross process borders only with help.

@@ -193,7 +193,7 @@ def _plan(
 ) -> ExportPlan:
     if len(dataset) == 0:
         raise UsageError("there is no episode", where=dataset.path)
-    plan = exporter.plan(dataset, destination, options)
+    plan = exporter.plan(_in_order(dataset), destination, options)
     if not plan.items:
         raise UsageError(
             f"not one of {len(dataset)} episodes can be written as {exporter.name}: "
@@ -201,6 +201,19 @@ def _plan(
             where=dataset.path,
         )
     return plan
+
+
+def _in_order(dataset: Dataset) -> Dataset:
+    """Sort episodes by when they were recorded, or else as their source had them.
+
+    Their ids, by which a dataset is sorted, are drawn by lot.
+    """
+    keys = []
+    for episode in dataset:
+        with episode:
+            keys.append((episode.metadata.start or "", episode.metadata.source.key or ""))
+    places = sorted(range(len(keys)), key=keys.__getitem__)
+    return dataset.select([dataset.ids[place] for place in places])
 
 
 def _named(failures: Sequence[Failure]) -> str:

@@ -8,41 +8,21 @@ import numpy as np
 from exumi_converters.frame_files import add_lossy
 from exumi_converters.oxt.contract import GRIPPER_SLOT
 from exumi_converters.oxt.stamps import Timeline
-from exumi_converters.umi.numbers import to_poses
+from exumi_converters.zarr2_files.numbers import (
+    are_float32,
+    note_not_finite,
+    read_numbers,
+    to_poses,
+)
 from exumi_converters.zarr2_files.rows import Rows
-from exumi_data.errors import SourceError
 from exumi_data.model import Annotations, Frames, LossyStep, QualityNote, Segment, Sensor, Task
 from exumi_data.store.episode_writer import EpisodeWriter
 
-__all__ = ["add_cells", "add_pose", "add_width", "add_words", "read_numbers", "read_text"]
+__all__ = ["add_cells", "add_pose", "add_width", "add_words", "read_text"]
 
 _MOST_SEGMENTS = 1000
 _LONGEST_NAME = 255
 _DEFAULT_CHILD = {"camera_ego_pose": "oxt_camera_ego"}
-
-
-def read_numbers(writer: EpisodeWriter, rows: Rows, stream: str | None) -> np.ndarray:
-    """Read rows; chunks that are not stored hold the fill value, which is said.
-
-    Raises
-    ------
-    SourceError
-        A chunk is damaged.
-    """
-    try:
-        return rows.read()
-    except SourceError:
-        found = rows.read(fill=True)
-    if stream is not None:
-        writer.metadata.quality.append(
-            QualityNote(
-                code="fill-value",
-                message=f"{rows.meta.path} lacks chunks: in Zarr they hold its fill value, "
-                f"{rows.meta.fill_value!r}, throughout",
-                stream=stream,
-            )
-        )
-    return found
 
 
 def read_text(rows: Rows) -> np.ndarray:
@@ -65,7 +45,7 @@ def add_pose(
 
     values = read_numbers(writer, rows, name).astype(np.float64)
     turned = about.get("turned_about_z_deg")
-    valid = np.isfinite(values).all(axis=1)
+    valid = are_float32(values).all(axis=1)
     if isinstance(turned, int) and turned:
         rotation = Rotation.from_rotvec(values[valid, 3:])
         back = rotation * Rotation.from_euler("z", -turned, degrees=True)
@@ -82,7 +62,7 @@ def add_pose(
         **timeline.fields(),
     )
     stream.append(timeline.time_ns, poses, flags=timeline.flags(valid))
-    _note_invalid(writer, name, valid)
+    note_not_finite(writer, name, valid)
 
 
 def _identifier(value: object, default: str) -> str:
@@ -90,18 +70,6 @@ def _identifier(value: object, default: str) -> str:
     if not isinstance(value, str) or value != " ".join(value.split()):
         return default
     return value if 0 < len(value) <= _LONGEST_NAME else default
-
-
-def _note_invalid(writer: EpisodeWriter, stream: str, valid: np.ndarray) -> None:
-    if not valid.all():
-        writer.metadata.quality.append(
-            QualityNote(
-                code="not-finite",
-                message=f"{np.count_nonzero(~valid)} of {len(valid)} samples are no finite "
-                "numbers: they are flagged invalid",
-                stream=stream,
-            )
-        )
 
 
 def add_width(
@@ -138,11 +106,11 @@ def add_width(
             )
             return
     values = read_numbers(writer, rows, name).reshape(len(rows)).astype(np.float64) * scale
-    valid = np.isfinite(values)
+    valid = are_float32(values)
     stream = writer.add_stream(name, kind="width", **timeline.fields())
     width = np.where(valid, values, np.nan).astype(np.float32)
     stream.append(timeline.time_ns, width, flags=timeline.flags(valid))
-    _note_invalid(writer, name, valid)
+    note_not_finite(writer, name, valid)
 
 
 def add_cells(
@@ -169,7 +137,7 @@ def add_cells(
             names[0], kind="wrench", components=components, sensor=sensors[0], **timeline.fields()
         )
         stream.append(timeline.time_ns, flat, flags=timeline.flags(valid))
-        _note_invalid(writer, names[0], valid)
+        note_not_finite(writer, names[0], valid)
         return len(rows)
     values = _cell_type(writer, values, names)
     for number, (name, sensor) in enumerate(zip(names, sensors, strict=True)):
@@ -184,7 +152,7 @@ def add_cells(
         )
         valid = np.isfinite(cells).all(axis=(1, 2))
         stream.append(timeline.time_ns, cells, flags=timeline.flags(valid))
-        _note_invalid(writer, name, valid)
+        note_not_finite(writer, name, valid)
     return len(rows) * len(names)
 
 

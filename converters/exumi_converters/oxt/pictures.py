@@ -1,7 +1,7 @@
 """Images of an episode of a store: decoded once, stored as pixels or as JPEG."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,8 @@ import numpy as np
 from exumi_converters.oxt.layout import picture_shape
 from exumi_converters.oxt.stamps import Timeline
 from exumi_converters.tactile_analysis import TactileAnalysis
-from exumi_converters.zarr2_files.notes import note_damaged, note_jpeg
+from exumi_converters.zarr2_files.notes import note_jpeg
+from exumi_converters.zarr2_files.pictures import Pass, Reader
 from exumi_converters.zarr2_files.rows import Rows
 from exumi_data.errors import SourceError
 from exumi_data.model import ArrayImages, EncodedImages, Sensor
@@ -18,33 +19,6 @@ from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.tactile import to_grey
 
 __all__ = ["add_camera", "add_pads"]
-
-_BATCH_BYTES = 8 << 20
-
-
-@dataclass(slots=True)
-class _Pad:
-    """One stream of images that is being written."""
-
-    name: str
-    stream: Any
-    quality: int | None
-    analysis: TactileAnalysis | None
-    frames: list[np.ndarray] = field(default_factory=list)
-
-    def add(self, frame: np.ndarray) -> None:
-        if self.analysis is not None:
-            self.analysis.add(to_grey(frame).copy())
-        self.frames.append(frame)
-
-    def flush(self, time: np.ndarray, flags: np.ndarray | None) -> None:
-        data: Any = (
-            np.stack(self.frames)
-            if self.quality is None
-            else [jpeg.encode(frame, self.quality, chroma="444") for frame in self.frames]
-        )
-        self.stream.append(time, data, **({} if flags is None else {"flags": flags}))
-        self.frames = []
 
 
 def add_camera(
@@ -73,11 +47,20 @@ def add_camera(
         Not one can be decoded.
     """
     shape = picture_shape(rows.meta.shape[1:])
-    pad = _open(writer, name, "rgb", shape, timeline, quality, None)
-    count = _write(writer, [pad], rows, timeline)
+    stream = _open(writer, name, "rgb", shape, timeline, quality, None)
+    read = Pass(rows)
+    for places, values in read:
+        frames = list(map(_picture, values))
+        data: Any = (
+            np.stack(frames)
+            if quality is None
+            else [jpeg.encode(frame, quality, chroma="444") for frame in frames]
+        )
+        stream.append(timeline.time_ns[places], data, flags=_flags(timeline, places))
+    read.note(writer, [name])
     if quality is not None:
         note_jpeg(writer, name, rows.meta, quality, 3 if shape is None else shape[2])
-    return count
+    return len(read.good)
 
 
 def add_pads(
@@ -109,15 +92,28 @@ def add_pads(
         Not one can be decoded.
     """
     shape = picture_shape(rows.meta.shape[2:])
-    pads = [
+    streams = [
         _open(writer, name, "tactile", shape, timeline, None, sensor)
         for name, sensor in zip(names, sensors, strict=True)
     ]
-    count = _write(writer, pads, rows, timeline)
-    for number, pad in enumerate(pads):
-        if pad.analysis is not None:
-            pad.analysis.finish(writer, pad.stream, _Reader(rows, number))
-    return count * len(pads)
+    analyses = [TactileAnalysis() for _ in streams]
+    read = Pass(rows)
+    for places, values in read:
+        flags = _flags(timeline, places)
+        for number, (stream, analysis) in enumerate(zip(streams, analyses, strict=True)):
+            frames = [_pad(number, row) for row in values]
+            for frame in frames:
+                analysis.add(to_grey(frame).copy())
+            stream.append(timeline.time_ns[places], np.stack(frames), flags=flags)
+    read.note(writer, names)
+    for number, (stream, analysis) in enumerate(zip(streams, analyses, strict=True)):
+        analysis.finish(writer, stream, Reader(rows, read.good, partial(_pad, number)))
+    return len(read.good) * len(streams)
+
+
+def _flags(timeline: Timeline, places: Sequence[int]) -> np.ndarray | None:
+    flags = timeline.flags()
+    return None if flags is None else flags[places]
 
 
 def _open(
@@ -128,7 +124,7 @@ def _open(
     timeline: Timeline,
     quality: int | None,
     sensor: Sensor | None,
-) -> _Pad:
+) -> Any:
     if shape is None:
         raise SourceError(f"stream {name!r}: these are no images")
     height, width, channels = shape
@@ -139,40 +135,7 @@ def _open(
         else EncodedImages(encoding="encoded", media_type="image/jpeg", **size)
     )
     fields = timeline.fields() if sensor is None else {**timeline.fields(), "sensor": sensor}
-    stream = writer.add_stream(name, kind=kind, images=images, **fields)
-    return _Pad(name, stream, quality, TactileAnalysis() if kind == "tactile" else None)
-
-
-def _write(writer: EpisodeWriter, pads: list[_Pad], rows: Rows, timeline: Timeline) -> int:
-    """Write all frames that can be decoded; say which cannot."""
-    places: list[int] = []
-    lost: list[tuple[int, str]] = []
-    count = waiting = 0
-    tactile = pads[0].analysis is not None
-    flags = timeline.flags()
-
-    def flush() -> None:
-        if places:
-            for pad in pads:
-                pad.flush(timeline.time_ns[places], None if flags is None else flags[places])
-            places.clear()
-
-    for block in rows.blocks():
-        if block.values is None:
-            lost += [(block.first + i, block.reason) for i in range(block.rows)]
-            continue
-        for offset, row in enumerate(block.values):
-            for number, pad in enumerate(pads):
-                pad.add(_picture(row[number] if tactile else row))
-            places.append(block.first + offset)
-            waiting += row.nbytes
-            count += 1
-            if waiting >= _BATCH_BYTES:
-                flush()
-                waiting = 0
-    flush()
-    note_damaged(writer, [pad.name for pad in pads], lost, count, rows.meta)
-    return count
+    return writer.add_stream(name, kind=kind, images=images, **fields)
 
 
 def _picture(row: np.ndarray) -> np.ndarray:
@@ -182,23 +145,5 @@ def _picture(row: np.ndarray) -> np.ndarray:
     return row if row.shape[2] in (1, 3) else np.ascontiguousarray(np.moveaxis(row, 0, 2))
 
 
-class _Reader:
-    """The frames of a pad that can be decoded, again."""
-
-    def __init__(self, rows: Rows, pad: int) -> None:
-        self._rows = rows
-        self._pad = pad
-
-    def _frames(self) -> Iterator[np.ndarray]:
-        for block in self._rows.blocks():
-            for row in () if block.values is None else block.values:
-                yield _picture(row[self._pad])
-
-    def greys(self) -> Iterator[np.ndarray]:
-        """Yield every frame, (H, W) uint8."""
-        return (to_grey(frame) for frame in self._frames())
-
-    def pictures(self, indices: Sequence[int]) -> list[np.ndarray]:
-        """Return some frames, ascending."""
-        wanted = set(indices)
-        return [frame for i, frame in enumerate(self._frames()) if i in wanted]
+def _pad(number: int, row: np.ndarray) -> np.ndarray:
+    return _picture(row[number])

@@ -247,16 +247,11 @@ class _Store:
                     fix = "Write it again as strings of fixed width: numpy's astype('U')."
                 raise SourceError(f"data/{name}: {reason}", where=self._buffer.path, fix=fix)
 
-    def _bounds(self) -> list[tuple[int, int]]:
-        ends = self._buffer.ends
-        starts = np.concatenate(([0], ends))[: len(ends)]
-        return list(zip(starts.tolist(), ends.tolist(), strict=True))
-
     def _unit(self, told: OxtReadOptions) -> Unit:
         """Find the unit of the timestamps, from the first episode that is long enough."""
         stated = self._mark.arrays.get(TIMESTAMPS, {}).get("unit")
-        count = self._buffer.arrays[TIMESTAMPS].shape[0]
-        usable = [(a, b) for a, b in self._bounds() if 0 <= a < b <= count]
+        found = self._buffer.episodes([TIMESTAMPS])
+        usable = [(start, stop) for start, stop, fault in found if fault is None]
         start, stop = max(usable, key=lambda bounds: bounds[1] - bounds[0], default=(0, 0))
         stamps = self._buffer.rows(TIMESTAMPS, start, stop).read(fill=True).reshape(-1)
         try:
@@ -265,12 +260,12 @@ class _Store:
             raise SourceError(error.what, where=self._buffer.path, fix=error.fix) from None
 
     def _find_episodes(self) -> None:
-        for number, (start, stop) in enumerate(self._bounds()):
+        found = self._buffer.episodes(self.layout.arrays)
+        for number, (start, stop, fault) in enumerate(found):
             key = f"{self._name}/{number:0{_DIGITS}d}"
             parent = self._parent(number)
             if parent is not None:
                 key += f"-{parent}"
-            fault = self._fault(start, stop)
             if fault is not None:
                 self.failed.append(Failure(key, fault))
                 continue
@@ -280,15 +275,6 @@ class _Store:
         """Return the id of the episode that was exported, if the store says it for all."""
         episodes = self._mark.episodes
         return episodes[number] if len(episodes) == len(self._buffer.ends) else None
-
-    def _fault(self, start: int, stop: int) -> str | None:
-        if start < 0 or stop <= start:
-            return f"{EPISODE_ENDS} gives it steps {start} to {stop}"
-        for name in self.layout.arrays:
-            count = self._buffer.arrays[name].shape[0]
-            if count < stop:
-                return f"data/{name} has {count} steps, this episode is steps {start} to {stop}"
-        return None
 
     def _item(self, key: str, start: int, stop: int, parent: str | None) -> EpisodeSource:
         buffer, options = self._buffer, self._options

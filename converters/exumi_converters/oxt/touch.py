@@ -17,9 +17,10 @@ from exumi_converters.oxt.contract import (
     tactile_key,
 )
 from exumi_converters.oxt.layout import Layout, picture_shape, stated_names
-from exumi_converters.oxt.numbers import add_cells, read_numbers, read_text
+from exumi_converters.oxt.numbers import add_cells, read_text
 from exumi_converters.oxt.pictures import add_pads
 from exumi_converters.oxt.stamps import Timeline
+from exumi_converters.zarr2_files.numbers import read_numbers
 from exumi_converters.zarr2_files.rows import Rows
 from exumi_data.errors import SourceError
 from exumi_data.model import QualityNote, Sensor

@@ -13,12 +13,24 @@ import numpy as np
 
 from exumi_data.tactile import REPRESENTATION_GAIN
 
-__all__ = ["DIFFERENCES_KIND", "Content", "Order", "difference_channels", "judge_content"]
+__all__ = [
+    "DIFFERENCES_KIND",
+    "Content",
+    "Order",
+    "difference_channels",
+    "differences_of",
+    "judge_content",
+]
 
 DIFFERENCES_KIND = "exumi:differences"
 """Kind of the stream that keeps concave and convex as they were stored."""
 
 _FEW_LEVELS = 16.0
+
+
+def differences_of(stream: str) -> str:
+    """Return the name of the stream of concave and convex beside that of the grey image."""
+    return f"{stream}_differences"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,19 +1,19 @@
 """Images of an episode of a replay buffer: decoded once, and stored with a declared codec."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from exumi_converters.frame_files import FrameFiles, add_jpeg_stream, add_lossy
 from exumi_converters.image_stream import StreamSpec, describe_clock
 from exumi_converters.tactile_analysis import TactileAnalysis
-from exumi_converters.umi.channels import DIFFERENCES_KIND, Order, judge_content
+from exumi_converters.umi.channels import DIFFERENCES_KIND, Order, differences_of, judge_content
 from exumi_converters.umi.numbers import CLOCK
-from exumi_converters.zarr2_files.metadata import ArrayMeta
-from exumi_converters.zarr2_files.notes import name_some, note_damaged, note_jpeg
+from exumi_converters.zarr2_files.notes import name_some, note_jpeg
+from exumi_converters.zarr2_files.pictures import Pass, Reader
 from exumi_converters.zarr2_files.rows import Rows
 from exumi_data.model import ArrayImages, EncodedImages, LossyStep, QualityNote
 from exumi_data.store import jpeg
@@ -23,14 +23,10 @@ from exumi_data.tactile import ACTIVE_THRESHOLD, ACTIVE_THRESHOLD_COMBINED, to_g
 from exumi_data.tactile.wrapping import Jumps
 from exumi_data.time import nominal_times
 
-__all__ = ["DIFFERENCES", "ImageSettings", "add_camera", "add_tactile"]
-
-DIFFERENCES = "differences"
-"""What the stream of concave and convex is called, after that of the grey image."""
+__all__ = ["ImageSettings", "add_camera", "add_tactile"]
 
 _SCHEMA_URL = "https://exumi-data.org/spec/differences/1"
 _JPEG_CODEC = "imagecodecs_jpeg"
-_BATCH_BYTES = 8 << 20
 _SAMPLES = 9
 # As rule TACT-011 of the standard has them.
 _JUMP_ROWS, _JUMP_APART_PX = 16, 2
@@ -62,88 +58,38 @@ class ImageSettings:
     exported: bool
 
 
-class _Frame(NamedTuple):
-    place: int
-    pixels: np.ndarray | None
-    reason: str
+def _note(writer: EpisodeWriter, name: str, read: Pass, blank: Sequence[int]) -> None:
+    """Say what is the matter with frames.
 
-
-def _frames(rows: Rows, *, channel: int | None = None) -> Iterator[_Frame]:
-    for block in rows.blocks(channel=channel):
-        for offset in range(block.rows):
-            pixels = None if block.values is None else block.values[offset]
-            yield _Frame(block.first + offset, pixels, block.reason)
-
-
-@dataclass(slots=True)
-class _Found:
-    """What a pass over the frames found out."""
-
-    good: list[int] = field(default_factory=list)
-    lost: list[tuple[int, str]] = field(default_factory=list)
-    blank: list[int] = field(default_factory=list)
-
-    def good_frames(self, rows: Rows) -> Iterator[np.ndarray]:
-        for frame in _frames(rows):
-            if frame.pixels is None:
-                self.lost.append((frame.place, frame.reason))
-                continue
-            self.good.append(frame.place)
-            if not frame.pixels.any():
-                self.blank.append(frame.place)
-            yield frame.pixels
-
-    def note(self, writer: EpisodeWriter, stream: str, meta: ArrayMeta) -> None:
-        """Say what is the matter with frames.
-
-        Raises
-        ------
-        SourceError
-            There is not one.
-        """
-        note_damaged(writer, [stream], self.lost, len(self.good), meta)
-        if self.blank:
-            total = len(self.good) + len(self.lost)
-            named = name_some(list(map(str, self.blank)))
-            writer.metadata.quality.append(
-                QualityNote(
-                    code="blank-frames",
-                    message=f"{len(self.blank)} of {total} frames are black throughout, as where "
-                    f"writing the buffer failed: {named}",
-                    stream=stream,
-                )
+    Raises
+    ------
+    SourceError
+        There is not one.
+    """
+    read.note(writer, [name])
+    if blank:
+        total = len(read.good) + len(read.lost)
+        named = name_some(list(map(str, blank)))
+        writer.metadata.quality.append(
+            QualityNote(
+                code="blank-frames",
+                message=f"{len(blank)} of {total} frames are black throughout, as where "
+                f"writing the buffer failed: {named}",
+                stream=name,
             )
+        )
 
 
-class _Batch:
-    """Frames are handed over some at a time."""
-
-    def __init__(self, times: np.ndarray, found: _Found, append: Callable[..., Any]) -> None:
-        self._times = times
-        self._found = found
-        self._append = append
-        self._items: list[Any] = []
-        self._bytes = 0
-
-    def add(self, item: Any, size: int) -> None:
-        self._items.append(item)
-        self._bytes += size
-        if self._bytes >= _BATCH_BYTES:
-            self.flush()
-
-    def flush(self) -> None:
-        if self._items:
-            indices = self._found.good[-len(self._items) :]
-            self._append(self._times[indices], self._items)
-            self._items, self._bytes = [], 0
+def _blank(places: Sequence[int], frames: Sequence[np.ndarray]) -> list[int]:
+    return [place for place, pixels in zip(places, frames, strict=True) if not pixels.any()]
 
 
 def _times(rows: Rows, settings: ImageSettings) -> np.ndarray:
     return nominal_times(len(rows), settings.rate)
 
 
-def _describe(stream: StreamWriter, found: _Found, rows: Rows, settings: ImageSettings) -> None:
-    times = _times(rows, settings)[found.good]
+def _describe(stream: StreamWriter, read: Pass, settings: ImageSettings) -> None:
+    times = _times(read.rows, settings)[read.good]
     describe_clock(stream, times, settings.rate, 1 / settings.rate, source="none")
 
 
@@ -177,26 +123,21 @@ def add_camera(writer: EpisodeWriter, name: str, rows: Rows, settings: ImageSett
         else EncodedImages(encoding="encoded", media_type="image/jpeg", **size)
     )
     stream = writer.add_stream(name, kind="rgb", clock=CLOCK, images=images)
-    found = _Found()
-    batch = _Batch(_times(rows, settings), found, _appender(stream, lossless=settings.lossless))
-    for pixels in found.good_frames(rows):
-        item: Any = pixels
-        if not settings.lossless:
-            item = jpeg.encode(pixels, settings.quality, chroma="444")
-        batch.add(item, pixels.nbytes)
-    batch.flush()
-    found.note(writer, name, rows.meta)
-    _describe(stream, found, rows, settings)
+    times, read, blank = _times(rows, settings), Pass(rows), []
+    for places, frames in read:
+        blank += _blank(places, frames)
+        stream.append(times[places], _stored(frames, settings))
+    _note(writer, name, read, blank)
+    _describe(stream, read, settings)
     if not settings.lossless:
         note_jpeg(writer, name, rows.meta, settings.quality, channels)
-    return len(found.good)
+    return len(read.good)
 
 
-def _appender(stream: Any, *, lossless: bool) -> Callable[[np.ndarray, list[Any]], None]:
-    if not lossless:
-        append: Callable[[np.ndarray, list[Any]], None] = stream.append
-        return append
-    return lambda times, frames: stream.append(times, np.stack(frames))
+def _stored(frames: Sequence[np.ndarray], settings: ImageSettings) -> Any:
+    if settings.lossless:
+        return np.stack(frames)
+    return [jpeg.encode(pixels, settings.quality, chroma="444") for pixels in frames]
 
 
 def _has_jpeg(rows: Rows, settings: ImageSettings) -> bool:
@@ -257,16 +198,17 @@ def add_tactile(writer: EpisodeWriter, name: str, rows: Rows, settings: ImageSet
             encoding="array", height=height, width=width, channels=1 if channels == 1 else 3
         ),
     )
-    found, analysis = _Found(), TactileAnalysis(active_above=_active_above(name))
-    batch = _Batch(_times(rows, settings), found, _appender(stream, lossless=True))
-    for pixels in found.good_frames(rows):
-        analysis.add(to_grey(pixels).copy())
-        batch.add(pixels, pixels.nbytes)
-    batch.flush()
-    found.note(writer, name, rows.meta)
-    _describe(stream, found, rows, settings)
-    analysis.finish(writer, stream, _Reader(rows, found.good))
-    return len(found.good)
+    analysis = TactileAnalysis(active_above=_active_above(name))
+    times, read, blank = _times(rows, settings), Pass(rows), []
+    for places, frames in read:
+        blank += _blank(places, frames)
+        for pixels in frames:
+            analysis.add(to_grey(pixels).copy())
+        stream.append(times[places], np.stack(frames))
+    _note(writer, name, read, blank)
+    _describe(stream, read, settings)
+    analysis.finish(writer, stream, Reader(rows, read.good, lambda pixels: pixels))
+    return len(read.good)
 
 
 def _active_above(name: str) -> float:
@@ -277,40 +219,11 @@ def _content(rows: Rows, settings: ImageSettings) -> Order | str:
     if settings.content == "pictures" or rows.meta.shape[3] != 3:
         return "pictures"
     places = np.unique(np.linspace(0, len(rows) - 1, min(_SAMPLES, len(rows))).astype(int))
-    samples = [frame.pixels for i in places for frame in _frames(rows.slice(i, i + 1))]
-    found = judge_content([pixels for pixels in samples if pixels is not None])
+    samples = [block.values for i in places for block in rows.slice(i, i + 1).blocks()]
+    found = judge_content([values[0] for values in samples if values is not None])
     if settings.content == "channels" and not isinstance(found, Order):
         return Order(concave=0, convex=1, grey=2)
     return found
-
-
-class _Reader:
-    """The good frames again; of exUMI's channels, the grey one."""
-
-    def __init__(self, rows: Rows, good: Sequence[int], channel: int | None = None) -> None:
-        self._rows = rows
-        self._good = good
-        self._channel = channel
-
-    def _picture(self, pixels: np.ndarray) -> np.ndarray:
-        return pixels if self._channel is None else pixels[..., self._channel, None]
-
-    def greys(self) -> Iterator[np.ndarray]:
-        """Yield every frame, (H, W) uint8."""
-        good = set(self._good)
-        for frame in _frames(self._rows, channel=self._channel):
-            if frame.place in good and frame.pixels is not None:
-                yield to_grey(np.ascontiguousarray(self._picture(frame.pixels)))
-
-    def pictures(self, indices: Sequence[int]) -> list[np.ndarray]:
-        """Return some frames, ascending."""
-        found = []
-        for index in sorted(set(indices)):
-            place = self._good[index]
-            (frame,) = _frames(self._rows.slice(place, place + 1), channel=self._channel)
-            if frame.pixels is not None:
-                found.append(np.ascontiguousarray(self._picture(frame.pixels)))
-        return found
 
 
 def _add_channels(
@@ -325,7 +238,7 @@ def _add_channels(
         description="Both fingers in one image, left beside right.",
     )
     differences = writer.add_stream(
-        f"{name}_{DIFFERENCES}",
+        differences_of(name),
         kind=DIFFERENCES_KIND,
         clock=CLOCK,
         extension_version="1",
@@ -338,28 +251,26 @@ def _add_channels(
             "exumi:stored_order": _names(order),
         },
     )
-    found, analysis = _Found(), TactileAnalysis(active_above=_active_above(name))
+    analysis = TactileAnalysis(active_above=_active_above(name))
     jumps = Jumps(_JUMP_ROWS, _JUMP_APART_PX)
-
-    def append(times: np.ndarray, frames: list[np.ndarray]) -> None:
+    times, read, blank = _times(rows, settings), Pass(rows), []
+    for places, frames in read:
+        blank += _blank(places, frames)
+        for pixels in frames:
+            analysis.add(np.ascontiguousarray(pixels[..., order.grey]))
+            if not settings.exported and _is_strong(pixels, order):
+                jumps.add(pixels[..., [order.concave, order.convex, order.grey]])
         whole = np.stack(frames)
-        grey_stream.append(times, whole[..., order.grey, None])
-        differences.append(times, whole[..., [order.concave, order.convex]])
-
-    batch = _Batch(_times(rows, settings), found, append)
-    for pixels in found.good_frames(rows):
-        analysis.add(np.ascontiguousarray(pixels[..., order.grey]))
-        if not settings.exported and _is_strong(pixels, order):
-            jumps.add(pixels[..., [order.concave, order.convex, order.grey]])
-        batch.add(pixels, pixels.nbytes)
-    batch.flush()
-    found.note(writer, name, rows.meta)
+        grey_stream.append(times[places], whole[..., order.grey, None])
+        differences.append(times[places], whole[..., [order.concave, order.convex]])
+    _note(writer, name, read, blank)
     for stream in (grey_stream, differences):
-        _describe(stream, found, rows, settings)
-    analysis.finish(writer, grey_stream, _Reader(rows, found.good, order.grey))
+        _describe(stream, read, settings)
+    again = Reader(rows, read.good, lambda row: row[..., order.grey, None], order.grey)
+    analysis.finish(writer, grey_stream, again)
     if not settings.exported:
         _note_released(writer, name, order, jumps)
-    return len(found.good)
+    return len(read.good)
 
 
 def _names(order: Order) -> list[str]:
@@ -375,7 +286,7 @@ def _is_strong(pixels: np.ndarray, order: Order) -> bool:
 def _note_released(writer: EpisodeWriter, name: str, order: Order, jumps: Jumps) -> None:
     """Say what exUMI's released pipeline did to these images, and what of it shows."""
     by = "exUMI's released pipeline"
-    differences = f"{name}_{DIFFERENCES}"
+    differences = differences_of(name)
     steps = {
         name: (
             ("blend", "frames of the sensors were blended linearly at the times of the camera's"),

@@ -1,10 +1,11 @@
 """Which arrays of a replay buffer become which streams."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from exumi_converters.umi.channels import differences_of
 from exumi_converters.zarr2_files.metadata import ArrayMeta
 
 __all__ = ["TACTILE_COMBINED", "Layout", "find_layout", "is_image"]
@@ -12,10 +13,10 @@ __all__ = ["TACTILE_COMBINED", "Layout", "find_layout", "is_image"]
 TACTILE_COMBINED = "tactile_combined"
 
 _ROBOT = re.compile(
-    r"robot(\d{1,3})_(eef_pos|eef_rot_axis_angle|gripper_width|demo_start_pose|demo_end_pose)"
+    r"robot(0|[1-9][0-9]{0,2})_(eef_pos|eef_rot_axis_angle|gripper_width|demo_start_pose|demo_end_pose)"
 )
-_CAMERA = re.compile(r"camera(\d{1,3})_rgb")
-_SOUND = re.compile(r"mic_(\d{1,3})")
+_CAMERA = re.compile(r"camera(0|[1-9][0-9]{0,2})_rgb")
+_SOUND = re.compile(r"mic_([0-9]{1,3})")
 _WIDTHS = {
     "eef_pos": 3,
     "eef_rot_axis_angle": 3,
@@ -88,6 +89,7 @@ def find_layout(arrays: Mapping[str, ArrayMeta], refused: Mapping[str, str]) -> 
     layout = Layout(left_out=dict(refused))
     robots: dict[int, dict[str, str]] = {}
     cameras: dict[int, str] = {}
+    others: list[str] = []
     for name, meta in arrays.items():
         if match := _ROBOT.fullmatch(name):
             fault = _fault_of_numbers(meta, _WIDTHS[match[2]])
@@ -103,8 +105,7 @@ def find_layout(arrays: Mapping[str, ArrayMeta], refused: Mapping[str, str]) -> 
                 layout.sound[name] = name
         elif is_image(meta):
             fault = None
-            kind = layout.tactile if "tactile" in name else layout.cameras
-            kind[_stream_name(name, kind is layout.cameras)] = name
+            others.append(name)
         else:
             fault = "it has no place in an episode"
         if fault is not None:
@@ -112,7 +113,23 @@ def find_layout(arrays: Mapping[str, ArrayMeta], refused: Mapping[str, str]) -> 
     for number, name in sorted(cameras.items()):
         layout.cameras["rgb" if len(cameras) == 1 else f"rgb_camera{number}"] = name
     _add_robots(layout, robots)
+    _add_others(layout, others)
     return layout
+
+
+def _add_others(layout: Layout, names: Sequence[str]) -> None:
+    """Name the streams of other images after their arrays; no two alike."""
+    taken = {*layout.cameras, *layout.widths, *layout.poses, *layout.sound}
+    for name in names:
+        camera = "tactile" not in name
+        plain = stream = _stream_name(name, camera)
+        number = 1
+        # Beside a tactile stream there may come to be one of its differences.
+        while taken & {stream, differences_of(stream)}:
+            number += 1
+            stream = f"{plain}_{number}"
+        taken |= {stream} if camera else {stream, differences_of(stream)}
+        (layout.cameras if camera else layout.tactile)[stream] = name
 
 
 def _add_robots(layout: Layout, robots: Mapping[int, dict[str, str]]) -> None:

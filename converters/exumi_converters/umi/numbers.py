@@ -6,14 +6,19 @@ from fractions import Fraction
 import numpy as np
 
 from exumi_converters.frame_files import add_lossy
+from exumi_converters.zarr2_files.numbers import (
+    are_float32,
+    note_not_finite,
+    read_numbers,
+    to_poses,
+)
 from exumi_converters.zarr2_files.rows import Rows
-from exumi_data.geometry import axis_angle_to_quaternion, make_sign_continuous
 from exumi_data.model import Clock, Frames, LossyStep, QualityNote
 from exumi_data.standard import flags
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.time import format_rate, nominal_times
 
-__all__ = ["CLOCK", "add_pose", "add_sound", "add_width", "to_poses"]
+__all__ = ["CLOCK", "add_pose", "add_sound", "add_width"]
 
 CLOCK = Clock(source="none", stamp_point="nominal_rate")
 """A replay buffer has no times."""
@@ -21,26 +26,6 @@ CLOCK = Clock(source="none", stamp_point="nominal_rate")
 _ENDS = ("demo_start_pose", "demo_end_pose")
 _FULL_SCALE = 32768
 _BLOCKS = 512
-
-
-def to_poses(position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turn positions and rotation vectors into poses whose quaternions never change sides.
-
-    Parameters
-    ----------
-    position, rotation : (n, 3) floating point
-
-    Returns
-    -------
-    poses : (n, 7) float64
-        NaN where a number is none.
-    valid : (n,) bool
-    """
-    valid = np.isfinite(position).all(axis=1) & np.isfinite(rotation).all(axis=1)
-    poses = np.full((len(position), 7), np.nan)
-    poses[valid, :3] = position[valid]
-    poses[valid, 3:] = make_sign_continuous(axis_angle_to_quaternion(rotation[valid]))
-    return poses, valid
 
 
 def add_pose(
@@ -67,11 +52,16 @@ def add_pose(
     SourceError
         A chunk is missing or damaged.
     """
-    poses, valid = to_poses(parts["eef_pos"].read(), parts["eef_rot_axis_angle"].read())
+    position, rotation = (
+        read_numbers(writer, parts[part], name) for part in ("eef_pos", "eef_rot_axis_angle")
+    )
+    poses, valid = to_poses(position, rotation)
     said: dict[str, object] = {}
     for end in _ENDS:
-        if end in parts and (value := _one_pose(writer, name, end, parts[end].read())) is not None:
-            said[f"umi:{end}"] = value
+        if end in parts:
+            value = _one_pose(writer, name, end, read_numbers(writer, parts[end], name))
+            if value is not None:
+                said[f"umi:{end}"] = value
     stream = writer.add_stream(
         name, kind="pose", clock=CLOCK, nominal_rate=format_rate(rate), frames=frames, **said
     )
@@ -99,14 +89,7 @@ def _flags_of(writer: EpisodeWriter, stream: str, valid: np.ndarray) -> np.ndarr
     """Return the flags of samples that are no numbers; None where there are none."""
     if valid.all():
         return None
-    writer.metadata.quality.append(
-        QualityNote(
-            code="not-finite",
-            message=f"{np.count_nonzero(~valid)} of {len(valid)} samples are no finite numbers: "
-            "they are flagged invalid",
-            stream=stream,
-        )
-    )
+    note_not_finite(writer, stream, valid)
     return np.where(valid, 0, flags()["invalid"].mask).astype(np.uint32)
 
 
@@ -118,8 +101,8 @@ def add_width(writer: EpisodeWriter, name: str, rows: Rows, rate: Fraction) -> N
     SourceError
         A chunk is missing or damaged.
     """
-    values = rows.read().reshape(len(rows))
-    valid = np.isfinite(values)
+    values = read_numbers(writer, rows, name).reshape(len(rows))
+    valid = are_float32(values)
     stream = writer.add_stream(name, kind="width", clock=CLOCK, nominal_rate=format_rate(rate))
     width = np.where(valid, values, np.nan).astype(np.float32)
     if (width[valid] != values[valid]).any():
@@ -158,12 +141,15 @@ def add_sound(writer: EpisodeWriter, name: str, rows: Rows, rate: Fraction) -> N
         channels=channels,
     )
     times = nominal_times(len(rows), rate)
-    clipped = 0
+    clipped = no_numbers = 0
     for first in range(0, len(rows), _BLOCKS):
         stop = min(first + _BLOCKS, len(rows))
-        values = rows.slice(first, stop).read().reshape(stop - first, samples, channels)
+        values = read_numbers(writer, rows.slice(first, stop), name)
+        values = values.reshape(stop - first, samples, channels)
         if values.dtype != np.int16:
-            scaled = np.rint(np.nan_to_num(values.astype(np.float64)) * _FULL_SCALE)
+            finite = np.isfinite(values)
+            no_numbers += int(np.count_nonzero(~finite))
+            scaled = np.rint(np.where(finite, values, 0.0).clip(-2, 2) * _FULL_SCALE)
             clipped += int(np.count_nonzero((scaled < -_FULL_SCALE) | (scaled > _FULL_SCALE)))
             values = scaled.clip(-_FULL_SCALE, _FULL_SCALE - 1).astype(np.int16)
         stream.append(times[first:stop], list(values))
@@ -174,6 +160,10 @@ def add_sound(writer: EpisodeWriter, name: str, rows: Rows, rate: Fraction) -> N
                 step="int16",
                 stream=name,
                 detail="sound of floating point, 1.0 taken for full scale, was rounded to 16 bits",
-                parameters={"dtype": rows.meta.dtype.name, "clipped": clipped},
+                parameters={
+                    "dtype": rows.meta.dtype.name,
+                    "clipped": clipped,
+                    "not_finite": no_numbers,
+                },
             ),
         )

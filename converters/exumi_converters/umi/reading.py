@@ -6,7 +6,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import Field
 
 from exumi_converters.converter import ConvertOptions, Discovery, EpisodeSource, SourceFile
@@ -181,10 +180,8 @@ def _episodes(
     row_bytes = _row_bytes(buffer, layout, told)
     items: list[EpisodeSource] = []
     failed: list[Failure] = []
-    starts = np.concatenate(([0], buffer.ends))[: len(buffer.ends)]
-    for number, (start, stop) in enumerate(zip(starts.tolist(), buffer.ends.tolist(), strict=True)):
+    for number, (start, stop, fault) in enumerate(buffer.episodes(layout.arrays)):
         key = f"{number:0{_DIGITS}d}"
-        fault = _fault(buffer, layout, start, stop)
         if fault is not None:
             failed.append(Failure(key, fault))
             continue
@@ -243,16 +240,6 @@ def _known(settings: dict[str, Any]) -> tuple[QualityNote, ...]:
             severity="info",
         ),
     )
-
-
-def _fault(buffer: Buffer, layout: Layout, start: int, stop: int) -> str | None:
-    if start < 0 or stop <= start:
-        return f"meta/episode_ends gives it rows {start} to {stop}"
-    for name in layout.arrays:
-        count = buffer.arrays[name].shape[0]
-        if count < stop:
-            return f"data/{name} has {count} rows, this episode is rows {start} to {stop}"
-    return None
 
 
 def _row_bytes(buffer: Buffer, layout: Layout, told: UmiReadOptions) -> float:

@@ -12,7 +12,7 @@ from exumi_converters.prepared_combined import pairs_of
 from exumi_converters.umi.channels import DIFFERENCES_KIND
 from exumi_converters.umi.layout import TACTILE_COMBINED
 from exumi_data.episode import Episode, StreamView
-from exumi_data.errors import ExumiError, UsageError
+from exumi_data.errors import UsageError
 from exumi_data.model.streams import images_of
 from exumi_data.standard import flags
 from exumi_data.store.shards import open_array
@@ -274,8 +274,3 @@ def common_slots(found: Mapping[str, Slots]) -> tuple[str, ...]:
     if not counts:
         return ()
     return max(counts, key=lambda arrays: (counts[arrays], len(arrays), arrays))
-
-
-def reason_of(error: ExumiError) -> str:
-    """Return why an episode cannot be written, with what to do."""
-    return error.what if error.fix is None else f"{error.what}. {error.fix}"

@@ -24,7 +24,6 @@ from exumi_converters.umi.slots import (
     common_slots,
     find_slots,
     find_span,
-    reason_of,
     tick_times,
 )
 from exumi_data.calibration import rectification_of
@@ -124,7 +123,7 @@ class UmiExporter:
             try:
                 planned = _plan_one(episode, found[episode.id], shapes, timeline, told)
             except ExumiError as error:
-                refused.append(Failure(episode.id, reason_of(error)))
+                refused.append(Failure(episode.id, error.reason))
                 continue
             index = len(items)
             items.append(ExportItem(id=episode.id, index=index, settings=planned.settings))
@@ -195,7 +194,7 @@ def _find_all(dataset: Dataset, told: UmiWriteOptions) -> tuple[dict[str, Slots]
         try:
             found[episode.id] = find_slots(episode, tactile=told.tactile == "combined")
         except ExumiError as error:
-            refused.append(Failure(episode.id, reason_of(error)))
+            refused.append(Failure(episode.id, error.reason))
     return found, refused
 
 

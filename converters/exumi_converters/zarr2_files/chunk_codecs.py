@@ -24,9 +24,11 @@ __all__ = ["check_codec", "decode_chunk"]
 
 _IMAGE_CODECS = "imagecodecs_"
 _BLOSC = struct.Struct("<4B3I")
+_LZ4 = struct.Struct("<I")
 _OF_ZSTD = b"\x28\xb5\x2f\xfd"
 _SIZED = ("blosc", "lz4", "zstd")
 _UNSIZED = ("zlib", "gzip", "bz2", "lzma")
+_LZMA_MEMORY = 1 << 27  # the strongest of the usual settings takes half of it
 _KEEP_SIZE = ("shuffle", "delta", "bitround")  # filters whose output is as large as their input
 _OBJECTS = ("pickle", "json2", "msgpack2", "categorize", "vlen-array", "vlen-bytes", "vlen-utf8")
 
@@ -39,6 +41,7 @@ def check_codec(config: Mapping[str, Any] | None, where: object) -> None:
     config : mapping or None
         Of the array's metadata; None: not compressed.
     where : object
+        Named in errors.
 
     Raises
     ------
@@ -181,25 +184,43 @@ def _decompress(
     codec = _codec(_key(config))
     if name.startswith(_IMAGE_CODECS):
         return _decode_image(codec, data, out)
-    if name == "zstd" and not _states_its_size(data):
-        raise SourceError("a chunk does not say how large it is unpacked", where=where)
-    if name == "blosc":
-        _check_blosc(data, out.nbytes, where)
+    _check_size(name, data, out.nbytes, where)
     codec.decode(data, out.reshape(-1).view(np.uint8))
     return out
 
 
-def _check_blosc(data: bytes, size: int, where: object) -> None:
-    """Refuse a block that is cut short: Blosc would read on behind its end."""
-    if len(data) < _BLOSC.size:
-        raise SourceError("a chunk is cut short", where=where)
-    *_, unpacked, _, packed = _BLOSC.unpack_from(data)
-    if packed > len(data) or unpacked != size:
-        raise SourceError(
-            f"a chunk has {len(data):,} bytes of {packed:,}, and {unpacked:,} unpacked instead of "
-            f"{size:,}",
-            where=where,
-        )
+def _check_size(name: str, data: bytes, size: int, where: object) -> None:
+    """Refuse what says to be of another size unpacked.
+
+    Of a larger one the decoders would take memory, of a smaller one leave the rest as it was; and
+    Blosc would read on behind the end of a block that is cut short.
+    """
+    if name == "blosc":
+        if len(data) < _BLOSC.size:
+            raise SourceError("a chunk is cut short", where=where)
+        *_, stated, _, packed = _BLOSC.unpack_from(data)
+        if packed > len(data):
+            raise SourceError(f"a chunk has {len(data):,} bytes of {packed:,}", where=where)
+    elif name == "lz4":
+        stated = _LZ4.unpack_from(data)[0] if len(data) >= _LZ4.size else None
+    else:
+        stated = _zstd_size(data)
+    if stated is None:
+        raise SourceError("a chunk does not say how large it is unpacked", where=where)
+    if stated != size:
+        raise SourceError(f"a chunk has {stated:,} bytes unpacked instead of {size:,}", where=where)
+
+
+def _zstd_size(data: bytes) -> int | None:
+    """Return the size of its content that the header of a Zstandard frame states, if it does."""
+    if not data.startswith(_OF_ZSTD) or len(data) < 5:
+        return None
+    form, single = data[4] >> 6, data[4] >> 5 & 1
+    length = 1 << form if form else single
+    at = 5 + (not single) + (0, 1, 2, 4)[data[4] & 3]
+    if not length or len(data) < at + length:
+        return None
+    return int.from_bytes(data[at : at + length], "little") + (256 if form == 1 else 0)
 
 
 def _decode_image(codec: Any, data: bytes, out: np.ndarray) -> np.ndarray:
@@ -218,11 +239,6 @@ def _size3(array: np.ndarray) -> int:
     return int(np.prod(array.shape[-3:], dtype=np.int64))
 
 
-def _states_its_size(data: bytes) -> bool:
-    """Whether a Zstandard frame has its content's size in the header."""
-    return data.startswith(_OF_ZSTD) and len(data) > 4 and bool(data[4] >> 6 or data[4] >> 5 & 1)
-
-
 def _bounded(name: str, data: bytes, size: int, config: Mapping[str, Any], where: object) -> bytes:
     """Unpack what does not say its size: one byte more than there should be is enough."""
     most = size + 1
@@ -231,7 +247,7 @@ def _bounded(name: str, data: bytes, size: int, config: Mapping[str, Any], where
     elif name == "lzma":
         if config.get("format", 1) not in (0, 1) or config.get("filters"):
             raise UnsupportedError("raw LZMA is not read", where=where)
-        content = lzma.LZMADecompressor().decompress(data, most)
+        content = lzma.LZMADecompressor(memlimit=_LZMA_MEMORY).decompress(data, most)
     else:
         content = zlib.decompressobj(31 if name == "gzip" else 15).decompress(data, most)
     if len(content) != size:

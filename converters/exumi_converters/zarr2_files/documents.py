@@ -8,7 +8,7 @@ from typing import Any
 from exumi_converters.zarr2_files.chunks import Chunks, FolderChunks, ZipChunks, ZipFile
 from exumi_converters.zarr2_files.metadata import MAX_DOCUMENT, ArrayMeta, parse_array
 from exumi_converters.zarr2_files.zip_index import Member, ZipIndex, is_zip, read_index, read_member
-from exumi_data.errors import LimitError, SourceError
+from exumi_data.errors import ExumiError, LimitError, SourceError
 from exumi_data.store.access import FolderStore
 
 __all__ = ["EPISODE_ENDS", "Documents", "open_documents"]
@@ -65,10 +65,10 @@ class Documents(ABC):
 
     def attributes(self) -> dict[str, Any]:
         """Return the root's ``.zattrs``; empty where it is damaged."""
-        raw = self.read(".zattrs") or b"{}"
         try:
+            raw = self.read(".zattrs") or b"{}"
             value = json.loads(raw) if len(raw) <= 32 * MAX_DOCUMENT else {}
-        except (ValueError, RecursionError):
+        except (ExumiError, ValueError, RecursionError):
             value = {}
         return value if isinstance(value, dict) else {}
 
@@ -85,7 +85,15 @@ def open_documents(path: Path) -> Documents:
     SourceError, LimitError
         The zip is damaged, or cannot be read safely.
     """
-    return _ZipDocuments(path) if is_zip(path) else _FolderDocuments(path)
+    if is_zip(path):
+        return _ZipDocuments(path)
+    if not path.is_dir():
+        raise SourceError(
+            "it is neither a folder nor a zip",
+            where=path,
+            fix="Name the .zarr folder or the .zarr.zip itself; get a cut file again.",
+        )
+    return _FolderDocuments(path)
 
 
 class _FolderDocuments(Documents):

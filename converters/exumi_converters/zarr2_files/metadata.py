@@ -108,8 +108,8 @@ def parse_array(raw: bytes, path: str, where: object) -> ArrayMeta:
             chunks=_numbers(document["chunks"]),
             dtype=np.dtype("V1" if "O" in dtype else dtype),
             order=document.get("order", "C"),
-            compressor=document.get("compressor"),
-            filters=document.get("filters") or None,
+            compressor=_codec(document.get("compressor")),
+            filters=[_codec(value or 0) for value in document.get("filters") or []] or None,
             separator=document.get("dimension_separator", "."),
             fill_value=document.get("fill_value"),
         )
@@ -129,6 +129,12 @@ def _numbers(value: object) -> tuple[int, ...]:
     ):
         raise ValueError("shape")
     return tuple(value)
+
+
+def _codec(value: Any) -> Any:
+    if value is not None and not isinstance(value, dict):
+        raise TypeError(f"a codec is {str(value)[:80]!r}")
+    return value
 
 
 def _check(meta: ArrayMeta, dtype: str, where: object) -> None:

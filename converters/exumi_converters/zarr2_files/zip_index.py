@@ -9,6 +9,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -42,9 +43,9 @@ _ENCRYPTED = 1
 _LARGE, _LARGE_SHORT = 0xFFFFFFFF, 0xFFFF
 _PIECE = 4 << 20
 _MAX_DIRECTORY = 1 << 30
+_DOCUMENTS = (".zarray", ".zattrs", ".zgroup", ".zmetadata")
 _MAX_DOCUMENTS = 10_000
 _MAX_GROUPS = 20_000
-_MAX_NAME = 4096
 MAX_MEMBER = 1 << 28
 """Most bytes of one member, unpacked."""
 
@@ -77,7 +78,7 @@ class ZipIndex:
     Attributes
     ----------
     documents : dict of str to ndarray
-        Members that are no chunks, by name, each one record of type `CHUNK`.
+        Members that are documents of Zarr, by name, each one record of type `CHUNK`.
     chunks : dict of (str, str) to ndarray
         Members that are chunks, by the array's path and the chunk's numbers but the first
         (``"0.0.0"``); records of type `CHUNK`, ascending.
@@ -88,7 +89,9 @@ class ZipIndex:
 
 
 def is_zip(path: Path) -> bool:
-    """Whether a file begins as a zip does; its name says nothing."""
+    """Whether a file begins as a zip does; its name says nothing. No pipe is waited for."""
+    if not path.is_file():
+        return False
     try:
         with path.open("rb") as file:
             return file.read(4) in (b"PK\3\4", _END_SIGNATURE)
@@ -136,14 +139,15 @@ def _collect(entries: Iterator[_Entry], path: Path) -> ZipIndex:
     groups: dict[tuple[str, str], bytearray] = {}
     for entry in entries:
         folder, _, last = entry.name.rpartition("/")
-        if not last:  # a folder
-            continue
-        record = _ROW.pack(0, entry.offset, entry.size, entry.full, entry.crc, entry.method)
         position = _chunk_position(folder, last)
+        if position is None and last not in _DOCUMENTS:  # a folder, or a file of something else
+            continue
+        _check(entry, path)
+        record = _ROW.pack(0, entry.offset, entry.size, entry.full, entry.crc, entry.method)
         if position is None:
             index.documents[entry.name] = np.frombuffer(record, CHUNK)
             if len(index.documents) > _MAX_DOCUMENTS:
-                raise LimitError(f"more than {_MAX_DOCUMENTS:,} members are no chunks", where=path)
+                raise LimitError(f"more than {_MAX_DOCUMENTS:,} documents of arrays", where=path)
             continue
         array, row, rest = position
         group = groups.get((array, rest))
@@ -163,16 +167,25 @@ def _chunk_position(folder: str, last: str) -> tuple[str, int, str] | None:
     """Split a name into array, first number and other numbers; None if it is no chunk's."""
     if "." in last:
         first, _, rest = last.partition(".")
-        if first.isdecimal() and len(first) < 18 and rest.replace(".", "").isdecimal():
-            return folder, int(first), rest
-        return None
-    if not last.isdecimal() or len(last) >= 18:
+        return (folder, int(first), rest) if _is_number(first) and _are_numbers(rest) else None
+    if not _is_number(last):
         return None
     numbers = [last]
-    while (parts := folder.rpartition("/"))[2].isdecimal() and parts[0]:
+    while _is_number((parts := folder.rpartition("/"))[2]) and parts[0]:
         folder = parts[0]
         numbers.insert(0, parts[2])
     return folder, int(numbers[0]), ".".join(numbers[1:])
+
+
+def _is_number(text: str) -> bool:
+    """Whether a text is a number as Zarr writes it: any other would stand for the same chunk."""
+    digits = text.isdecimal() and text.isascii() and len(text) < 18
+    return digits and (text[0] != "0" or len(text) == 1)
+
+
+@lru_cache(maxsize=256)  # all rows have the same few
+def _are_numbers(text: str) -> bool:
+    return all(map(_is_number, text.split(".")))
 
 
 def _ascending(table: np.ndarray) -> np.ndarray:
@@ -236,13 +249,11 @@ def _entries(
         name = buffer[begin : begin + name_length].decode("utf-8", "replace")
         extra = buffer[begin + name_length : begin + name_length + extra_length]
         entry = _Entry(name, flags, method, crc, packed, full, fields[16])
-        yield _checked(entry, extra, path)
+        yield _large(entry, extra) if _LARGE in (packed, full, fields[16]) else entry
 
 
-def _checked(entry: _Entry, extra: bytes, path: Path) -> _Entry:
-    """Fill in large numbers; refuse what cannot be read."""
-    if _LARGE in (entry.size, entry.full, entry.offset):
-        entry = _large(entry, extra)
+def _check(entry: _Entry, path: Path) -> None:
+    """Refuse what cannot be read."""
     where = f"{path}: {entry.name[:200]}"
     if entry.flags & _ENCRYPTED or entry.method not in (_STORED, _DEFLATED):
         raise SourceError(
@@ -252,7 +263,6 @@ def _checked(entry: _Entry, extra: bytes, path: Path) -> _Entry:
         )
     if max(entry.size, entry.full) > MAX_MEMBER:
         raise LimitError(f"a member of {max(entry.size, entry.full):,} bytes", where=where)
-    return entry
 
 
 def _large(entry: _Entry, extra: bytes) -> _Entry:

@@ -345,7 +345,7 @@ def test_counts_that_do_not_match_fail_the_episodes_they_touch(tmp_path: Path) -
     rewrite(path, "right_wrist_camera_rgb", shape=[15, SIZE, SIZE, 3])
     count, reasons = failures(path)
     assert count == 1
-    assert "data/right_wrist_camera_rgb has 15 steps, this episode is steps 10 to 20" in reasons
+    assert "data/right_wrist_camera_rgb has 15 rows, this episode is rows 10 to 20" in reasons
 
 
 def test_ends_that_go_back_fail_their_episode_alone(tmp_path: Path) -> None:
@@ -355,7 +355,7 @@ def test_ends_that_go_back_fail_their_episode_alone(tmp_path: Path) -> None:
     ends[:] = [10, 5]
     count, reasons = failures(path)
     assert count == 1
-    assert "meta/episode_ends gives it steps 10 to 5" in reasons
+    assert "meta/episode_ends gives it rows 10 to 5" in reasons
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """What a replay buffer holds is in the episodes; what is the matter with it is said."""
 
 import json
+import os
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -20,6 +21,8 @@ from exumi_converters import ConversionReport, ConvertOptions, convert, plan_con
 from exumi_converters.detection import detect_format
 from exumi_converters.registry import converters
 from exumi_converters.tactile_analysis import TactileAnalysis
+from exumi_converters.umi.layout import find_layout
+from exumi_converters.zarr2_files.buffer import open_buffer
 from exumi_data.dataset import Dataset, open_dataset
 from exumi_data.episode import Episode as OpenEpisode
 from exumi_data.errors import SourceError, UnsupportedError, UsageError
@@ -208,6 +211,23 @@ def test_sound_and_a_second_kind_of_image(tmp_path: Path, run: Run) -> None:
     assert set(left_out.parameters or {}) == {"realsense_depth"}
 
 
+def test_sound_that_is_too_loud_or_none(tmp_path: Path, run: Run) -> None:
+    episode = make_episode(6, tactile=False)
+    sound = np.zeros((6, 100))
+    sound[0, :4] = np.nan, np.inf, 1e308, -2.5
+    sound[1, :2] = 0.5, -1.0
+    episode.arrays["mic_0"] = sound
+    folder = write_buffer(tmp_path / "b.zarr", [episode], low_dim_rows=1)
+    (folder / "data/mic_0/3.0").unlink()
+    _, (only,) = run(folder)
+    blocks = np.stack([np.asarray(block) for block in only["mic_0"].data]).reshape(6, 100)
+    assert blocks[0, :5].tolist() == [0, 0, 32767, -32768, 0]
+    assert blocks[1, :2].tolist() == [16384, -32768]
+    (step,) = [s for s in only.metadata.source.lossy or () if s.step == "int16"]
+    assert step.parameters == {"dtype": "float64", "clipped": 2, "not_finite": 2}
+    assert "mic_0 lacks chunks" in notes(only)["fill-value"]
+
+
 def test_the_rate_can_be_told(tmp_path: Path, run: Run) -> None:
     _, (only,) = run(write_buffer(tmp_path / "b.zarr", [make_episode(4)]), rate="30/1")
     np.testing.assert_array_equal(only["rgb"].time, nominal_times(4, parse_rate("30")))
@@ -284,7 +304,7 @@ def test_long_episodes_are_decoded_twice_and_not_kept(
     defaults = TactileAnalysis.__init__.__kwdefaults__
     assert defaults is not None
     monkeypatch.setitem(defaults, "kept_bytes", 1)
-    monkeypatch.setattr("exumi_converters.umi.images._BATCH_BYTES", 1)
+    monkeypatch.setattr("exumi_converters.zarr2_files.pictures._BATCH_BYTES", 1)
     source = write_buffer(tmp_path / "b.zarr", [make_episode(24, 0)])
     _, (only,) = run(source, settings={"images": "lossless"})
     one = in_order(open_dataset(converted))[0]
@@ -332,6 +352,30 @@ def test_numbers_that_are_none_are_flagged(tmp_path: Path, run: Run) -> None:
     assert not np.isinf(only["pose"].data).any()
 
 
+def test_numbers_beyond_float32_and_turns_without_end_are_none(tmp_path: Path, run: Run) -> None:
+    episode = make_episode(12, tactile=False)
+    for name in ("robot0_eef_pos", "robot0_eef_rot_axis_angle", "robot0_gripper_width"):
+        episode.arrays[name] = episode.arrays[name].astype(np.float64)
+    episode.arrays["robot0_eef_pos"][3] = 1e300
+    episode.arrays["robot0_eef_rot_axis_angle"][5] = 1e200
+    episode.arrays["robot0_gripper_width"][2] = -1e300
+    _, (only,) = run(write_buffer(tmp_path / "b.zarr", [episode]))
+    mask = flags()["invalid"].mask
+    assert np.flatnonzero(only["pose"].array("flags") & mask).tolist() == [3, 5]
+    assert np.flatnonzero(only["width"].array("flags") & mask).tolist() == [2]
+
+
+def test_numbers_that_zarr_does_not_store_are_its_fill_value(tmp_path: Path, run: Run) -> None:
+    episode = make_episode(12, tactile=False)
+    episode.arrays["robot0_gripper_width"][:6] = 0  # such chunks zarr 3 leaves out
+    folder = write_buffer(tmp_path / "b.zarr", [episode], low_dim_rows=6)
+    (folder / "data/robot0_gripper_width/0.0").unlink()
+    _, (only,) = run(folder)
+    expected = episode.arrays["robot0_gripper_width"][:, 0]
+    np.testing.assert_array_equal(only["width"].data, expected)
+    assert "width: data/robot0_gripper_width lacks chunks" in notes(only)["fill-value"]
+
+
 def test_one_bad_episode_does_not_end_the_run(tmp_path: Path, run: Run) -> None:
     folder = write_buffer(
         tmp_path / "b.zarr", [make_episode(6, i) for i in range(3)], low_dim_rows=6
@@ -358,7 +402,7 @@ def set_ends(folder: Path, ends: list[int]) -> None:
 @pytest.mark.parametrize(
     ("ends", "converted", "failed"),
     [
-        ([6, 4, 18], ["000000"], ["000001"]),
+        ([6, 4, 18], ["000000"], ["000001", "000002"]),
         ([6, 6, 18], ["000000", "000002"], ["000001"]),
         ([6, 12, 99], ["000000", "000001"], ["000002"]),
         ([-3, 12, 18], ["000002"], ["000000", "000001"]),
@@ -400,6 +444,61 @@ def test_foreign_files_and_arrays_do_not_matter(tmp_path: Path, run: Run) -> Non
     assert any("data/strange is left out" in notice for notice in report.notices)
 
 
+def test_no_array_takes_the_stream_of_another(tmp_path: Path, run: Run) -> None:
+    episode = make_episode(6, cameras=2)
+    images = episode.arrays["camera0_rgb"]
+    long = "tactile_" + "x" * 60
+    names = ["camera0", "Cam-1", "cam_1", "tactile.combined", "tactile_combined_differences"]
+    for number, name in enumerate([*names, f"{long}1", f"{long}2"]):
+        episode.arrays[name] = np.roll(images, number, axis=3) + np.uint8(number)
+    folder = write_buffer(tmp_path / "b.zarr", [episode])
+    layout = find_layout(open_buffer(folder).arrays, {})
+    assert sorted(layout.arrays) == sorted(episode.arrays)
+    report, (only,) = run(folder)
+    assert report.failed == ()
+    assert len([s for s in only.streams.values() if s.kind == "rgb"]) == 5
+
+
+def test_names_that_cannot_be_written_down_are_left_out(tmp_path: Path, run: Run) -> None:
+    folder = write_buffer(tmp_path / "b.zarr", [make_episode(6, tactile=False)])
+    for name in (b"a\nb", b" x", b"\xff", b"y" * 250, "caméra".encode()):
+        shutil.copytree(
+            folder / "data/camera0_rgb", os.fsdecode(bytes(folder / "data") + b"/" + name)
+        )
+    report, (only,) = run(folder)
+    assert report.converted == 1
+    assert {"rgb", "rgb_cam_ra"} < set(only.streams)
+    assert sum("no plain text" in notice for notice in report.notices) == 4
+    assert all(notice.isprintable() for notice in report.notices)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"compressor": "blosc"},
+        {"compressor": 0},
+        {"compressor": [1]},
+        {"filters": "delta"},
+        {"filters": [None]},
+        {"filters": {"id": "delta"}},
+    ],
+)
+def test_a_codec_that_is_none_leaves_its_array_out(tmp_path: Path, changes: dict[str, Any]) -> None:
+    folder = write_buffer(tmp_path / "b.zarr", [make_episode(6, tactile=False)])
+    document = folder / "data/camera0_rgb/.zarray"
+    document.write_text(json.dumps({**json.loads(document.read_text()), **changes}))
+    notices = plan_conversion(folder, from_format="umi").notices
+    assert any("camera0_rgb is left out: its .zarray is damaged" in notice for notice in notices)
+
+
+def test_damaged_attributes_do_not_matter(tmp_path: Path) -> None:
+    rows = [make_episode(6, tactile=False)]
+    path = write_buffer(tmp_path / "b.zarr.zip", rows, attributes={"told": 1})
+    assert open_buffer(path).attributes == {"told": 1}
+    path.write_bytes(path.read_bytes().replace(b'"told"', b'"tolb"'))  # the checksum is wrong
+    assert open_buffer(path).attributes == {}
+
+
 def test_pickles_are_never_loaded(tmp_path: Path, run: Run) -> None:
     folder = write_buffer(tmp_path / "b.zarr", [make_episode(6)])
     (folder / "data/notes").mkdir()
@@ -416,7 +515,7 @@ def test_pickles_are_never_loaded(tmp_path: Path, run: Run) -> None:
     (folder / "data/notes/.zarray").write_text(json.dumps(document))
     (folder / "data/notes/0").write_bytes(b"cos\nsystem\n(S'touch pwned'\ntR.")
     report, (only,) = run(folder)
-    assert any("never loaded" in notice for notice in report.notices)
+    assert any("never loaded" in n and "Write the array again" in n for n in report.notices)
     assert "left-out" in {step.step for step in only.metadata.source.lossy or ()}
     (folder / "meta/episode_ends/.zarray").write_text(json.dumps(document))
     with pytest.raises(UnsupportedError, match=r"never loaded.*Write the array again"):
@@ -460,6 +559,12 @@ def test_a_zip_that_is_cut_short(tmp_path: Path, buffer: Path, kept: int) -> Non
         plan_conversion(path, from_format="umi")
 
 
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "b.zarr.zip")
+    with pytest.raises(SourceError, match="neither a folder nor a zip"):
+        plan_conversion(tmp_path / "b.zarr.zip", from_format="umi")
+
+
 def test_nothing_there(tmp_path: Path) -> None:
     folder = write_buffer(tmp_path / "b.zarr", [make_episode(6)])
     for path in (folder / "data").glob("[a-z]*"):
@@ -472,12 +577,12 @@ def test_nothing_there(tmp_path: Path) -> None:
         plan_conversion(tmp_path, from_format="umi")
 
 
-def test_a_buffer_without_episodes(tmp_path: Path, run: Run) -> None:
+def test_a_buffer_without_episodes(tmp_path: Path) -> None:
     folder = write_buffer(tmp_path / "b.zarr", [make_episode(6)])
     document = folder / "meta/episode_ends/.zarray"
     document.write_text(json.dumps({**json.loads(document.read_text()), "shape": [0]}))
-    report, episodes = run(folder)
-    assert (report.total, episodes) == (0, [])
+    with pytest.raises(SourceError, match="there is no episode"):
+        plan_conversion(folder)
 
 
 def test_labels_are_refused(buffer: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import bz2
 import gzip
 import lzma
 import pickle
+import struct
 import tracemalloc
 import zlib
 from typing import Any
@@ -128,6 +129,41 @@ def test_a_bomb_takes_no_memory(name: str, data: bytes) -> None:
         assert tracemalloc.get_traced_memory()[1] < 20_000_000
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("config", "encode"),
+    [
+        ({"id": "zstd"}, numcodecs.Zstd().encode),
+        ({"id": "lz4"}, numcodecs.LZ4().encode),
+        ({"id": "blosc"}, numcodecs.Blosc("lz4").encode),
+        ({"id": "zlib"}, zlib.compress),
+        ({"id": "imagecodecs_zstd"}, imagecodecs.zstd_encode),
+        ({"id": "imagecodecs_lz4"}, imagecodecs.lz4_encode),
+        ({"id": "imagecodecs_blosc"}, imagecodecs.blosc_encode),
+        ({"id": "imagecodecs_zlib"}, imagecodecs.zlib_encode),
+    ],
+    ids=lambda value: value["id"] if isinstance(value, dict) else "",
+)
+@pytest.mark.parametrize("size", [1, 100, SMALL.nbytes - 1, SMALL.nbytes + 1, 70_000])
+def test_no_byte_of_a_chunk_is_made_up(config: dict[str, Any], encode: Any, size: int) -> None:
+    with pytest.raises(SourceError):
+        decode_chunk(bytes(encode(b"\1" * size)), np.empty_like(SMALL), config, None, "here")
+
+
+@pytest.mark.parametrize("size", [1, 200, 256, 300, 65_791, 65_792, 70_000])
+def test_zstd_of_any_size_is_read(size: int) -> None:
+    out = np.empty(size, np.uint8)
+    values = np.random.default_rng(0).integers(0, 9, size).astype(np.uint8)
+    decode_chunk(bytes(numcodecs.Zstd().encode(values)), out, {"id": "zstd"}, None, "here")
+    np.testing.assert_array_equal(out, values)
+
+
+def test_lzma_that_wants_gigabytes_is_refused() -> None:
+    data = bytearray(lzma.compress(bytes(SMALL.nbytes), lzma.FORMAT_ALONE, preset=0))
+    data[1:5] = struct.pack("<L", 1 << 31)  # of the dictionary
+    with pytest.raises(SourceError, match="Memory usage limit"):
+        decode_chunk(bytes(data), SMALL, {"id": "lzma"}, None, "here")
 
 
 def test_a_zstd_frame_of_unknown_size_is_refused() -> None:

@@ -133,13 +133,29 @@ def test_a_member_that_claims_too_much_is_refused(tmp_path: Path) -> None:
 def test_a_directory_that_is_too_large_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = write_zip(tmp_path / "a.zip", {f"d{i}": b"" for i in range(40)})
+    path = write_zip(tmp_path / "a.zip", {f"{i}/.zarray": b"" for i in range(40)})
     monkeypatch.setattr(zip_index, "_MAX_DOCUMENTS", 30)
     with pytest.raises(LimitError):
         read_index(path)
     monkeypatch.setattr(zip_index, "_MAX_DIRECTORY", 100)
     with pytest.raises(LimitError):
         read_index(path)
+
+
+def test_what_is_no_part_of_an_array_does_not_matter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zip_index, "MAX_MEMBER", 99)
+    monkeypatch.setattr(zip_index, "_MAX_DOCUMENTS", 2)
+    members = {"video.mp4": bytes(999), **{f"{i}.png": b"" for i in range(9)}, ".zattrs": b"{}"}
+    assert list(read_index(write_zip(tmp_path / "a.zip", members)).documents) == [".zattrs"]
+
+
+def test_a_chunk_has_one_name(tmp_path: Path) -> None:
+    others = ("٣.0", "003.0", "3.00", "3.٣", "3.", "3..0", "+3.0", "3.-1", f"{'9' * 18}.0")
+    names = ["a/3.0", *(f"a/{name}" for name in others)]
+    index = read_index(write_zip(tmp_path / "a.zip", dict.fromkeys(names, b"x")))
+    assert {key: table["row"].tolist() for key, table in index.chunks.items()} == {("a", "0"): [3]}
 
 
 def test_an_encrypted_member_is_refused(tmp_path: Path) -> None:
