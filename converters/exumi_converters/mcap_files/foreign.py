@@ -222,7 +222,7 @@ class ForeignFile:
     def _append(self, topic: _Topic, at: int, value: Any) -> None:
         flags = 0
         if at == topic.last_ns:
-            at, flags = at + 1, standard_flags()["nudged"].mask
+            at, flags = at + 1, standard_flags()["time_nudged"].mask
         topic.last_ns = at
         topic.count += 1
         topic.stream.append(at, value, flags=flags)

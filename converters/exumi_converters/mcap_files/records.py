@@ -178,9 +178,9 @@ class Records:
         if chunk.uncompressed_size > _CHUNK_BYTES:
             raise self._too_much("chunk", _CHUNK_BYTES)
         if chunk.compression == "zstd":
-            data = self._read(_zstd_reader(chunk.data))
+            data = _read(_zstd_reader(chunk.data), chunk.uncompressed_size)
         elif chunk.compression == "lz4":
-            data = self._read(_lz4_reader(chunk.data))
+            data = _read(_lz4_reader(chunk.data), chunk.uncompressed_size)
         elif not chunk.compression:
             data = chunk.data
         else:
@@ -189,17 +189,6 @@ class Records:
         if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
             msg = "a chunk is not what its checksum says"
             raise ValueError(msg)
-        return data
-
-    def _read(self, reader: Any) -> bytes:
-        with reader:
-            try:
-                data: bytes = reader.read(_CHUNK_BYTES + 1)
-            except Exception as error:  # noqa: BLE001  # each codec has errors of its own
-                msg = f"a chunk cannot be decompressed ({error})"
-                raise ValueError(msg) from None
-        if len(data) > _CHUNK_BYTES:
-            raise self._too_much("chunk", _CHUNK_BYTES)
         return data
 
     def _too_much(self, what: str, limit: int) -> LimitError:
@@ -252,6 +241,20 @@ def _of_chunk(data: bytes) -> Iterator[Any]:
             yield _message(content)
         elif opcode in readers:
             yield readers[opcode].read(_stream(content))
+
+
+def _read(reader: Any, size: int) -> bytes:
+    """Decompress a chunk that is said to have so many bytes, and not a byte more than one."""
+    with reader:
+        try:
+            data: bytes = reader.read(size + 1)
+        except Exception as error:  # noqa: BLE001  # each codec has errors of its own
+            msg = f"a chunk cannot be decompressed ({error})"
+            raise ValueError(msg) from None
+    if len(data) != size:
+        msg = f"a chunk claims {size:,} bytes, and has not as many"
+        raise ValueError(msg)
+    return data
 
 
 def _zstd_reader(data: bytes) -> Any:
