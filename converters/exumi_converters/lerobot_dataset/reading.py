@@ -68,7 +68,9 @@ class LeRobotConverter:
             raise UsageError("the format lerobot takes no table of labels", where=options.labels)
         told = parse_options(LeRobotReadOptions, options.settings, self.name)
         if not (source / INFO).is_file():
-            raise SourceError(f"there is no {INFO}", where=source)
+            raise SourceError(
+                f"there is no {INFO}", where=source, fix="Name the folder of a LeRobotDataset v3.0."
+            )
         info = read_info(source)
         notices: list[str] = []
         declaration = _declaration(source, notices)

@@ -196,9 +196,7 @@ class ForeignFile:
         Stamps of another clock than the first one's, such as one that counts from when a device
         was switched on, are shifted: the first of them is put where it was logged.
         """
-        stamp = message.timestamp.ToNanoseconds() or record.log_time
-        if not 0 <= stamp < _LAST_NS:
-            stamp = record.log_time
+        stamp = _stamp_of(message) or record.log_time
         if stamp >= _LAST_NS:
             msg = "a time that no clock shows"
             raise ValueError(msg)
@@ -430,6 +428,15 @@ def _check_fits(stream: Any, value: Any, message: Any) -> None:
     if not like:
         msg = "another size, rate or encoding than the first"
         raise ValueError(msg)
+
+
+def _stamp_of(message: Any) -> int:
+    """Return a message's own time; 0: it has none, or one that cannot be."""
+    try:
+        stamp: int = message.timestamp.ToNanoseconds()
+    except ValueError:
+        return 0
+    return stamp if 0 <= stamp < _LAST_NS else 0
 
 
 def _frames_of(message: Any) -> _FramePair:
