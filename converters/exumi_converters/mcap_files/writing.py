@@ -26,7 +26,7 @@ from exumi_converters.mcap_files.topics import (
 from exumi_data.calibration import intrinsics_of
 from exumi_data.dataset import Dataset
 from exumi_data.episode import Episode, StreamView
-from exumi_data.errors import UsageError
+from exumi_data.errors import ExumiError, UsageError
 from exumi_data.time import parse_utc
 
 if TYPE_CHECKING:
@@ -147,7 +147,10 @@ def _estimated_bytes(stream: StreamView, told: McapOptions) -> int:
         return size + round(len(stream) * pixels * _JPEG_BYTES_PER_PIXEL)
     if images.encoding == "video":
         return size + sum(int(file.bytes) for file in images.files)
-    return size + int(stream.array("offset")[-1])
+    try:
+        return size + int(stream.array("offset")[-1])
+    except ExumiError:
+        return size  # writing it says what is the matter
 
 
 def _losses(stream: StreamView, told: McapOptions) -> list[Loss]:
