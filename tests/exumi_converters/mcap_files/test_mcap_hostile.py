@@ -224,6 +224,16 @@ def test_millions_of_empty_messages_do_not_fill_the_memory(tmp_path: Path) -> No
     assert peak < 3 * len(many)
 
 
+@pytest.mark.parametrize("name", ["a\nb.mcap", " x.mcap", "b\udcff.mcap", "d/" * 130 + "x.mcap"])
+def test_names_that_cannot_be_recorded_are_told(ours: Path, tmp_path: Path, name: str) -> None:
+    path = tmp_path / "in" / name
+    path.parent.mkdir(parents=True)
+    path.write_bytes(ours.read_bytes())
+    report = convert(tmp_path / "in", tmp_path / "read", from_format="mcap", options=QUICK)
+    assert "its name cannot be recorded" in report.failed[0].reason
+    assert report.failed[0].reason.isprintable()
+
+
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "x.mcap")
     assert find_converter("mcap").recognise(tmp_path) is None
