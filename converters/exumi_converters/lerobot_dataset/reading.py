@@ -32,6 +32,7 @@ from exumi_data.time import format_rate
 __all__ = ["LeRobotConverter"]
 
 _META = "meta/"
+_LATEST_S = 1e8
 _BESIDE = ("README.md", "exumi_export.json")
 
 
@@ -168,6 +169,8 @@ class _Finder:
                 found[row.index] = (
                     f"the table gives it {row.length} frames and rows {row.first} to {row.stop}"
                 )
+            elif not all(0 <= begin <= _LATEST_S for _, _, begin in row.videos.values()):
+                found[row.index] = "the table gives no time at which it begins in its videos"
         for key in self._info.features:
             found.update(self._overlaps(rows, key))
         return found
