@@ -55,6 +55,13 @@ def _end_soon() -> None:
 
 
 def _prepare_worker() -> None:
+    try:
+        _heed_signals()
+    except Stopped:
+        os._exit(1)  # the pool would show a traceback
+
+
+def _heed_signals() -> None:
     # Ctrl-C reaches every process of the terminal; only the parent acts on it, and tells the
     # workers with SIGTERM, which unwinds them so that they remove what they had half written.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -187,7 +187,10 @@ class Exporter(Protocol):
     def assemble(
         self, parts: Sequence[Part], target: Path, plan: ExportPlan, about: Mapping[str, Any]
     ) -> None:
-        """Put the parts together. Parts may be moved; frames are not encoded again here.
+        """Put the parts together. Frames are not encoded again here.
+
+        Files of the parts may be moved or removed, but not changed: they are links to those that
+        the next run goes on with if this one is stopped here.
 
         Parameters
         ----------

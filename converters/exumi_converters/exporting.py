@@ -10,7 +10,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,9 +20,9 @@ from exumi_converters.exporter import Exporter, ExportItem, ExportOptions, Expor
 from exumi_converters.registry import exporters, find_exporter
 from exumi_converters.report import ExportReport, Failure, Progress
 from exumi_data import __version__
-from exumi_data.catalog import catalog_row, rows_to_table
+from exumi_data.catalog import build_catalog, catalog_row, rows_to_table
 from exumi_data.dataset import Dataset
-from exumi_data.destination import only_run
+from exumi_data.destination import is_current, only_run
 from exumi_data.engine import Outcome, default_workers, map_items, warm_up
 from exumi_data.episode import open_episode
 from exumi_data.errors import DamagedDataError, ExumiError, UsageError
@@ -66,7 +66,8 @@ def plan_export(
         An option makes no sense, or not one episode can be written.
     """
     exporter = _exporter(to_format)
-    return _plan(exporter, open_source(source), Path(destination), options or ExportOptions())
+    dataset, damaged = _readable(open_source(source))
+    return _plan(exporter, dataset, damaged, Path(destination), options or ExportOptions())
 
 
 def export(
@@ -111,15 +112,15 @@ def export(
     warm_up(__name__)
     options = options or ExportOptions()
     exporter = _exporter(to_format)
-    dataset = open_source(source)
+    dataset, damaged = _readable(open_source(source))
     destination = Path(destination)
-    plan = _plan(exporter, dataset, destination, options)
+    plan = _plan(exporter, dataset, damaged, destination, options)
     if on_plan is not None:
         on_plan(plan)
     if plan.refused and not options.keep_going:
         raise UsageError(
-            f"{len(plan.refused)} of {len(dataset)} episodes cannot be written as {to_format}: "
-            + _named(plan.refused),
+            f"{len(plan.refused)} of {len(plan.items) + len(plan.refused)} episodes cannot be "
+            f"written as {to_format}: " + _named(plan.refused),
             where=source,
             fix="Pass --keep-going to leave them out.",
         )
@@ -177,6 +178,23 @@ def open_source(source: str | Path) -> Dataset:
         return Dataset(str(path.parent), metadata, rows_to_table([row]))
 
 
+def _readable(dataset: Dataset) -> tuple[Dataset, tuple[Failure, ...]]:
+    """Return the episodes that can be read, with a catalog that is true, and the others.
+
+    The result names digests: they must not be those of a catalog that was left behind.
+    """
+    rows = dataset.catalog.to_pylist()
+    stale = [row["path"] for row in rows if not is_current(Path(dataset.path, row["path"]), row)]
+    if not stale:
+        return dataset, ()
+    built, problems = build_catalog(Path(dataset.path), paths=stale)
+    fresh = {row["path"]: row for row in built.to_pylist()}
+    wrong = {problem.item: _reason(problem.error) for problem in problems if problem.error}
+    kept = [fresh.get(row["path"], row) for row in rows if row["path"] not in wrong]
+    failed = [Failure(row["id"], wrong[row["path"]]) for row in rows if row["path"] in wrong]
+    return Dataset(dataset.path, dataset.metadata, rows_to_table(kept)), tuple(failed)
+
+
 def _exporter(name: str) -> Exporter:
     known = exporters()
     if name not in known:
@@ -189,18 +207,25 @@ def _versioned(exporter: Exporter) -> str:
 
 
 def _plan(
-    exporter: Exporter, dataset: Dataset, destination: Path, options: ExportOptions
+    exporter: Exporter,
+    dataset: Dataset,
+    damaged: tuple[Failure, ...],
+    destination: Path,
+    options: ExportOptions,
 ) -> ExportPlan:
-    if len(dataset) == 0:
+    if len(dataset) + len(damaged) == 0:
         raise UsageError("there is no episode", where=dataset.path)
-    plan = exporter.plan(_in_order(dataset), destination, options)
-    if not plan.items:
+    planned = None
+    if len(dataset):
+        planned = exporter.plan(_in_order(dataset), destination, options)
+    refused = (*damaged, *(planned.refused if planned else ()))
+    if planned is None or not planned.items:
         raise UsageError(
-            f"not one of {len(dataset)} episodes can be written as {exporter.name}: "
-            + _named(plan.refused),
+            f"not one of {len(refused)} episodes can be written as {exporter.name}: "
+            + _named(refused),
             where=dataset.path,
         )
-    return plan
+    return replace(planned, refused=refused)
 
 
 def _in_order(dataset: Dataset) -> Dataset:
@@ -413,7 +438,12 @@ def _write_one(task: _Task, *, to_format: str, plan: ExportPlan, work: Path) -> 
         if episode.id != item.id:
             raise DamagedDataError(f"this is the episode {episode.id}", where=task.path)
         episode.check_complete()  # what is missing would be zeros in the other format
-        result = exporter.write(item, episode, folder, plan)
+        try:
+            result = exporter.write(item, episode, folder, plan)
+        except BaseException:
+            with suppress(OSError):
+                _remove(folder)  # on a full disk, half a part would only be in the way
+            raise
     write_atomic(_result_path(work, item), _json(result))
     return int(result.get("frames", 0))
 
@@ -434,10 +464,7 @@ def _finish(
     _remove(target)
     if plan.writes == "folder":
         target.mkdir()
-    # Parts are moved from here on: after a stop in the middle they have to be written again.
-    for part in parts:
-        _result_path(work, part.item).unlink()
-    exporter.assemble(parts, target, plan, about)
+    exporter.assemble(_to_be_moved(parts, work), target, plan, about)
     if plan.writes == "folder":
         (target / EXPORT_DOCUMENT).write_bytes(_json(about))
     if durable:
@@ -447,6 +474,30 @@ def _finish(
     target.rename(destination)
     sync_folder(destination.absolute().parent)
     shutil.rmtree(work)
+
+
+def _to_be_moved(parts: Sequence[Part], work: Path) -> list[Part]:
+    """Return the parts as links of their files, so that they are still there if this stops here.
+
+    Where there are no links, or no room for what is copied, the parts themselves are handed out:
+    then they count as not written from here on.
+    """
+    links = work / "links"
+    _remove(links)
+    try:
+        if shutil.disk_usage(work).free > _size(work):
+            return [replace(part, folder=_linked(part.folder, links)) for part in parts]
+    except OSError:
+        _remove(links)
+    for part in parts:
+        _result_path(work, part.item).unlink()
+    return list(parts)
+
+
+def _linked(folder: Path, links: Path) -> Path:
+    copy = links / folder.name
+    shutil.copytree(folder, copy, copy_function=os.link)
+    return copy
 
 
 def _sync(target: Path) -> None:

@@ -1,7 +1,7 @@
 """Options that only one format has: ``--option name=value`` on the command line."""
 
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -69,8 +69,17 @@ def describe_options(model: type[FormatOptions]) -> dict[str, str]:
     lines = {}
     for name, field in model.model_fields.items():
         default = "" if field.default in (None, "") else f" Default: {_said(field.default)}."
-        lines[name] = f"{field.description or ''}{default}".strip()
+        lines[name] = f"{field.description or ''}{_choices(field.annotation)}{default}".strip()
     return lines
+
+
+def _choices(annotation: object) -> str:
+    """Name the values that an option can have, where they are few."""
+    if annotation is bool:
+        return " One of: yes, no."
+    if get_origin(annotation) is Literal:
+        return f" One of: {', '.join(map(str, get_args(annotation)))}."
+    return ""
 
 
 def _said(value: object) -> str:

@@ -14,6 +14,7 @@ from exumi_data.store.digest import sha256_file
 
 __all__ = ["digest_inputs", "episode_id", "relative_name", "settings_digest", "source_digest"]
 
+_LONGEST_NAME = 254  # a folder gets a / behind it
 _NAMESPACE = uuid.UUID(CONVENTION_UUID)
 
 
@@ -91,7 +92,22 @@ def digest_inputs(files: Sequence[SourceFile]) -> list[InputFile]:
     SourceError
         One cannot be read.
     """
+    for file in files:
+        _check_name(file)
     return [_digest(file) for file in files]
+
+
+def _check_name(file: SourceFile) -> None:
+    """Check that the episode can bear the name of its source: a line of text, not too long."""
+    name = file.name
+    bad = name.strip() != name or any("\ud800" <= c <= "\udfff" or c == "\n" for c in name)
+    if bad or len(name) > _LONGEST_NAME:
+        raise SourceError(
+            "its name cannot be recorded: it has to be one line of text, of at most "
+            f"{_LONGEST_NAME} characters with the folders it is in",
+            where=ascii(str(file.path))[1:-1],
+            fix="Give it another name.",
+        )
 
 
 def source_digest(files: Sequence[SourceFile], inputs: Sequence[InputFile]) -> str:

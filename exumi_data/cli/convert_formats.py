@@ -1,10 +1,11 @@
 """``exumi convert --list``: the formats, and what each keeps and loses."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 from exumi_data.cli.options import Format
-from exumi_data.cli.output import print_json
+from exumi_data.cli.output import print_json, printable, result_console
 
 __all__ = ["settings_of", "show"]
 
@@ -59,13 +60,22 @@ def show(name: str | None, *, output: Format) -> None:
     if output is Format.JSON:
         print_json(formats)
         return
-    for entry in formats:
-        print(f"{entry['direction']} {entry['name']}: {entry['describes']}")
-        for word in ("keeps", "loses"):
-            for line in entry[word]:
-                print(f"  {word} {line}")
-        for option, line in entry["options"].items():
-            print(f"  -o {option}=...  {line}")
+    width = result_console().width
+    for number, entry in enumerate(formats):
+        if number:
+            print()
+        for line in _lines(entry):
+            text = printable(line)
+            print(fill(text, width, subsequent_indent="      ", break_on_hyphens=False))
+
+
+def _lines(entry: Mapping[str, Any]) -> Iterator[str]:
+    yield f"{entry['direction']} {entry['name']}: {entry['describes']}"
+    for word in ("keeps", "loses"):
+        for line in entry[word]:
+            yield f"  {word} {line}"
+    for option, line in entry["options"].items():
+        yield f"  -o {option}=...  {line}"
 
 
 def _formats() -> Iterator[dict[str, Any]]:

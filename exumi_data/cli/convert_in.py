@@ -1,5 +1,6 @@
 """``exumi convert SRC DST``: other formats into a dataset."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -7,10 +8,10 @@ import typer
 
 from exumi_data.cli.failures import FOUND_WRONG
 from exumi_data.cli.options import Format
-from exumi_data.cli.output import print_json, size_text
+from exumi_data.cli.output import print_json, printable, size_text
 
 if TYPE_CHECKING:
-    from exumi_converters import ConvertOptions
+    from exumi_converters import ConversionPlan, ConvertOptions
 
 __all__ = ["run", "show_plan"]
 
@@ -69,21 +70,21 @@ def show_plan(
     if output is Format.JSON:
         print_json(plan.to_json())
     else:
-        print(f"{plan.source}: {plan.converter}, {plan.layout}")
-        print(
-            f"would write {len(plan.episodes):,} episodes, "
-            f"about {size_text(plan.estimated_bytes)}: {_some(plan.episodes)}"
-        )
-        for line in plan.keeps:
-            print(f"  keeps {line}")
-        for line in plan.loses:
-            print(f"  loses {line}")
-        for line in plan.notices:
-            print(f"  note: {line}")
-        for failure in plan.failed:
-            print(f"  cannot be converted: {failure.name}: {failure.reason}")
+        for line in _lines(plan):
+            print(printable(line))
     if plan.failed and not options.keep_going:
         raise typer.Exit(FOUND_WRONG)
+
+
+def _lines(plan: "ConversionPlan") -> Iterator[str]:
+    yield f"{plan.source}: {plan.converter}, {plan.layout}"
+    size = size_text(plan.estimated_bytes)
+    yield f"would write {len(plan.episodes):,} episodes, about {size}: {_some(plan.episodes)}"
+    yield from (f"  keeps {line}" for line in plan.keeps)
+    yield from (f"  loses {line}" for line in plan.loses)
+    yield from (f"  note: {line}" for line in plan.notices)
+    for failure in plan.failed:
+        yield f"  cannot be converted: {failure.name}: {failure.reason}"
 
 
 def _some(names: tuple[str, ...]) -> str:

@@ -8,7 +8,7 @@ import typer
 
 from exumi_data.cli.failures import FOUND_WRONG
 from exumi_data.cli.options import Format
-from exumi_data.cli.output import error_console, print_json, size_text, time_text
+from exumi_data.cli.output import error_console, print_json, printable, size_text, time_text
 
 if TYPE_CHECKING:
     from exumi_converters import ExportPlan, ExportReport
@@ -60,7 +60,7 @@ def run(  # noqa: PLR0913  # options of the command line
     def announce(plan: "ExportPlan") -> None:
         if not quiet:
             for line in _losses(plan):
-                error_console().print(line, style="dim", markup=False)
+                error_console().print(printable(line), style="dim", markup=False)
 
     with run_progress("Writing", quiet=quiet) as on_progress:
         report = export(
@@ -100,11 +100,11 @@ def _print_plan(plan: "ExportPlan", output: Format) -> None:
     size = "" if plan.estimated_bytes is None else f", about {size_text(plan.estimated_bytes)}"
     print(f"would write {len(plan.items):,} episodes{size}: {plan.layout}")
     for line in _losses(plan):
-        print(f"  {line}")
+        print(printable(f"  {line}"))
     for line in plan.notices:
-        print(f"  note: {line}")
+        print(printable(f"  note: {line}"))
     for failure in plan.refused:
-        print(f"  cannot be written: {failure.name}: {failure.reason}")
+        print(printable(f"  cannot be written: {failure.name}: {failure.reason}"))
 
 
 def _print_report(report: "ExportReport", output: Format, *, quiet: bool) -> None:
@@ -120,8 +120,8 @@ def _print_report(report: "ExportReport", output: Format, *, quiet: bool) -> Non
     console = error_console()
     if not quiet:
         for line in report.notices:
-            console.print(f"note: {line}", style="dim", markup=False)
+            console.print(f"note: {printable(line)}", style="dim", markup=False)
     if report.failed:
         console.print(f"[bold red]error:[/] {len(report.failed):,} of {report.total:,} failed:")
         for failure in report.failed:
-            console.print(f"  {failure.name}: {failure.reason}", markup=False)
+            console.print(printable(f"  {failure.name}: {failure.reason}"), markup=False)

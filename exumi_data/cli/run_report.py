@@ -8,7 +8,7 @@ import typer
 
 from exumi_data.cli.failures import FOUND_WRONG
 from exumi_data.cli.options import Format
-from exumi_data.cli.output import error_console, print_json, progress_of, time_text
+from exumi_data.cli.output import error_console, print_json, printable, progress_of, time_text
 
 if TYPE_CHECKING:
     from exumi_converters import ConversionReport, Flag, PrepareReport, Progress
@@ -71,11 +71,11 @@ def finish(
         print_json(report.to_json())
     else:
         for line in _result(report):
-            print(line)
+            print(printable(line))
     console = error_console()
     if not quiet:
         for note in (*report.notices, *notes):
-            console.print(f"note: {note}", style="dim", markup=False)
+            console.print(f"note: {printable(note)}", style="dim", markup=False)
         if report.unexplained:
             console.print(
                 f"note: {len(report.unexplained):,} episodes of {report.destination} do not come "
@@ -86,7 +86,7 @@ def finish(
     if report.failed:
         console.print(f"[bold red]error:[/] {len(report.failed):,} of {report.total:,} failed:")
         for failure in report.failed:
-            console.print(f"  {failure.name}: {failure.reason}", markup=False)
+            console.print(printable(f"  {failure.name}: {failure.reason}"), markup=False)
     elif not quiet:
         console.print(f"Next: exumi validate {report.destination}", style="dim", markup=False)
     if report.failed and not keep_going:

@@ -1,6 +1,8 @@
 """Writing other formats: whole or not at all, resumable, honest about what is lost."""
 
+import errno
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -309,3 +311,80 @@ def test_a_killed_run_leaves_nothing_under_the_final_name_and_is_gone_on_with(
     assert report.written == COUNT
     assert widths.written == open_dataset(dataset).ids[1:]
     assert not list(tmp_path.glob(".partial-*"))
+
+
+def test_parts_survive_a_stop_while_they_are_put_together(
+    widths: Widths, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "out.txt"
+
+    def move_and_stop(self: Widths, parts: Sequence[Part], target: Path, *_: object) -> None:
+        for part in parts:
+            (part.folder / "line").rename(target)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Widths, "assemble", move_and_stop)
+        with pytest.raises(OSError, match="No space left"):
+            export(dataset, target, to_format="widths", options=ONE)
+    assert not target.exists()
+    widths.written.clear()
+    export(dataset, target, to_format="widths", options=ONE)
+    assert widths.written == []
+    assert len(target.read_text().splitlines()) == COUNT
+
+
+def test_without_links_parts_are_written_again_after_a_stop(
+    widths: Widths, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_link(*_: object, **__: object) -> None:
+        raise OSError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", no_link)
+    target = tmp_path / "out.txt"
+    with monkeypatch.context() as patched:
+        patched.setattr(Widths, "assemble", no_link)
+        with pytest.raises(OSError, match="not permitted"):
+            export(dataset, target, to_format="widths", options=ONE)
+    export(dataset, target, to_format="widths", options=ONE)
+    assert len(widths.written) == 2 * COUNT
+    assert len(target.read_text().splitlines()) == COUNT
+
+
+def test_what_could_not_be_written_takes_no_room(
+    widths: Widths, dataset: Path, tmp_path: Path
+) -> None:
+    widths.failing.update(open_dataset(dataset).ids)
+    export(dataset, tmp_path / "out.txt", to_format="widths", options=ONE)
+    assert [path.name for path in (tmp_path / ".partial-out.txt").iterdir()] == ["plan.json"]
+
+
+def test_digests_are_those_of_the_episodes_not_of_a_catalog_left_behind(
+    widths: Widths, dataset: Path, tmp_path: Path
+) -> None:
+    told = ExportOptions(workers=1, durable=False, settings={"folder": "yes"})
+    export(dataset, tmp_path / "out", to_format="widths", options=told)
+    document = Path(open_dataset(dataset)[0].path, "zarr.json")
+    document.write_text(document.read_text().replace('"close"', '"open"'))
+    with pytest.raises(UsageError, match="is not this export of these episodes"):
+        export(dataset, tmp_path / "out", to_format="widths", options=told)
+    export(dataset, tmp_path / "new", to_format="widths", options=told)
+    about = json.loads((tmp_path / "new" / "exumi_export.json").read_text())
+    write_catalog(dataset, build_catalog(dataset)[0])
+    assert [entry["digest"] for entry in about["episodes"]] == [
+        episode.digest() for episode in open_dataset(dataset)
+    ]
+
+
+def test_an_episode_that_cannot_be_opened_does_not_end_the_run(
+    widths: Widths, dataset: Path, tmp_path: Path
+) -> None:
+    episode = open_dataset(dataset)[1]
+    Path(episode.path, "zarr.json").write_text("{")
+    target = tmp_path / "out.txt"
+    with pytest.raises(UsageError, match=f"1 of 3 episodes cannot be .* {episode.id}: .*JSON"):
+        export(dataset, target, to_format="widths", options=ONE)
+    told = ExportOptions(workers=1, durable=False, keep_going=True)
+    report = export(dataset, target, to_format="widths", options=told)
+    assert (report.written, report.total) == (COUNT - 1, COUNT)
+    assert [failure.name for failure in report.failed] == [episode.id]

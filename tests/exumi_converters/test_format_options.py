@@ -40,7 +40,7 @@ def test_all_mistakes_are_told_with_what_there_is() -> None:
 def test_options_describe_themselves() -> None:
     assert describe_options(Options) == {
         "size": "Pixels a side. Default: 224.",
-        "codec": "Of the frames. Default: jpeg.",
-        "decode": "Store frames. Default: no.",
+        "codec": "Of the frames. One of: jpeg, png. Default: jpeg.",
+        "decode": "Store frames. One of: yes, no. Default: no.",
     }
     assert describe_options(FormatOptions) == {}

@@ -19,7 +19,12 @@ from exumi_converters.lerobot_dataset.layout import (
     Declaration,
     fps_of,
 )
-from exumi_converters.lerobot_dataset.parquet_files import numbers_of, open_parquet, read_columns
+from exumi_converters.lerobot_dataset.parquet_files import (
+    numbers_of,
+    open_parquet,
+    read_columns,
+    texts_of,
+)
 from exumi_data.errors import SourceError
 from exumi_data.model.json_limits import is_too_deep, size_mistake
 
@@ -38,6 +43,7 @@ __all__ = [
 
 _MAX_BYTES = 16 << 20
 _MAX_EPISODES = 1_000_000
+_MOST_NUMBERS = 1_000_000  # of a feature
 _PLACE = re.compile(r"\{(?P<name>video_key|chunk_index|file_index)(?::0(?P<digits>[1-9])d)?\}")
 _UPGRADE = (
     "Let LeRobot bring it up to v3.0 first: "
@@ -53,7 +59,7 @@ class Feature(BaseModel):
     model_config = ConfigDict(extra="ignore")
 
     dtype: str
-    shape: list[int]
+    shape: list[Annotated[int, Field(ge=0, le=_MOST_NUMBERS)]]
     names: Any = None
     info: dict[str, Any] | None = None
 
@@ -86,7 +92,7 @@ class Info(BaseModel):
     model_config = ConfigDict(extra="ignore")
 
     codebase_version: str
-    fps: Annotated[float, Field(gt=0, le=100_000, allow_inf_nan=False)]
+    fps: Annotated[float, Field(ge=0.001, le=100_000, allow_inf_nan=False)]
     features: dict[str, Feature]
     data_path: str = DATA_PATH
     video_path: str | None = VIDEO_PATH
@@ -154,6 +160,7 @@ def _parse(path: Path, model: type[Document]) -> Document:
         value = None if mistake else json.loads(raw)
         if mistake or is_too_deep(value, raw):
             raise SourceError(mistake or "is nested too deeply", where=path)
+        json.dumps(value, ensure_ascii=False).encode()  # half characters cannot be kept
         return model.model_validate(value)
     except OSError as error:
         raise SourceError(f"cannot be read ({error.strerror})", where=path) from None
@@ -208,7 +215,7 @@ def read_tasks(root: Path) -> dict[int, str]:
         raise SourceError("holds no texts of tasks", where=path)
     table = read_columns(path, ["task_index", preferred[0]])
     numbers = numbers_of(table, "task_index", path).tolist()
-    said = table.column(preferred[0]).to_pylist()
+    said = texts_of(table, preferred[0], path)
     return {int(number): text for number, text in zip(numbers, said, strict=True) if _is_text(text)}
 
 
@@ -249,7 +256,10 @@ def _episode_rows(path: Path, videos: list[str]) -> list[EpisodeRow]:
     begins = [f"videos/{key}/from_timestamp" for key in videos]
     table = read_columns(path, [*whole, *begins, "tasks"])
     columns = {name: numbers_of(table, name, path).tolist() for name in (*whole, *begins)}
-    tasks = table.column("tasks").to_pylist()
+    for name in whole:
+        if not all(isinstance(value, int) for value in columns[name]):
+            raise SourceError(f"{name!r} holds what is no whole number", where=path)
+    tasks = texts_of(table, "tasks", path)
     found = []
     for row in range(table.num_rows):
         at = {name: values[row] for name, values in columns.items()}

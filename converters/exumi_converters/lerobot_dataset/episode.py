@@ -1,5 +1,6 @@
 """One episode of a LeRobotDataset becomes an episode of ours."""
 
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,7 +44,11 @@ class LeRobotEpisode:
         self._map = FeatureMap.from_json(item.settings["map"])
         self._rate = parse_rate(item.settings["fps"])
         self._count = int(item.settings["length"])
-        self._time = nominal_times(self._count, self._rate)
+
+    @cached_property
+    def _time(self) -> np.ndarray:
+        """The times of the frames, once it is known that there are as many rows."""
+        return nominal_times(self._count, self._rate)
 
     @property
     def _rows(self) -> Path:

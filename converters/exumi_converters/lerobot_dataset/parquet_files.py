@@ -14,7 +14,14 @@ if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-__all__ = ["column_rows", "numbers_of", "open_parquet", "read_columns", "rows_of_episode"]
+__all__ = [
+    "column_rows",
+    "numbers_of",
+    "open_parquet",
+    "read_columns",
+    "rows_of_episode",
+    "texts_of",
+]
 
 _BATCH = 1024
 
@@ -142,6 +149,21 @@ def _batches(
             kept = batch.filter(mask)
             if kept.num_rows:
                 yield kept.select(list(columns))
+
+
+def texts_of(table: "pa.Table", column: str, where: Path) -> list[Any]:
+    """Return a column of texts, or of lists of them, as Python's own values.
+
+    Raises
+    ------
+    SourceError
+        A text is no UTF-8.
+    """
+    try:
+        values: list[Any] = table.column(column).to_pylist()
+    except ValueError as error:
+        raise SourceError(f"{column!r} holds what is no text ({error})", where=where) from None
+    return values
 
 
 def numbers_of(table: "pa.Table", column: str, where: Path) -> np.ndarray:

@@ -26,7 +26,7 @@ from exumi_converters.lerobot_dataset.ticks import (
 from exumi_converters.report import Failure
 from exumi_data.dataset import Dataset
 from exumi_data.episode import Episode, StreamView
-from exumi_data.errors import UsageError
+from exumi_data.errors import ExumiError, UsageError
 from exumi_data.model import UNKNOWN_LICENCE, EpisodeMetadata
 from exumi_data.time import format_rate
 
@@ -88,7 +88,10 @@ def make_plan(dataset: Dataset, told: LeRobotOptions) -> ExportPlan:
     for episode in dataset:
         with episode:
             if episode.id not in refused:
-                why = spans.add(episode)
+                try:
+                    why = spans.add(episode)
+                except ExumiError as error:
+                    why = str(error)
                 if why is None:
                     losses.add(episode)
                 else:

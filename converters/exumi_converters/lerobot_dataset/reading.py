@@ -32,6 +32,7 @@ from exumi_data.time import format_rate
 __all__ = ["LeRobotConverter"]
 
 _META = "meta/"
+_LATEST_S = 1e8
 _BESIDE = ("README.md", "exumi_export.json")
 
 
@@ -68,7 +69,9 @@ class LeRobotConverter:
             raise UsageError("the format lerobot takes no table of labels", where=options.labels)
         told = parse_options(LeRobotReadOptions, options.settings, self.name)
         if not (source / INFO).is_file():
-            raise SourceError(f"there is no {INFO}", where=source)
+            raise SourceError(
+                f"there is no {INFO}", where=source, fix="Name the folder of a LeRobotDataset v3.0."
+            )
         info = read_info(source)
         notices: list[str] = []
         declaration = _declaration(source, notices)
@@ -166,6 +169,8 @@ class _Finder:
                 found[row.index] = (
                     f"the table gives it {row.length} frames and rows {row.first} to {row.stop}"
                 )
+            elif not all(0 <= begin <= _LATEST_S for _, _, begin in row.videos.values()):
+                found[row.index] = "the table gives no time at which it begins in its videos"
         for key in self._info.features:
             found.update(self._overlaps(rows, key))
         return found

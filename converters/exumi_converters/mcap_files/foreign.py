@@ -1,5 +1,6 @@
 """A file that somebody else wrote: images, poses and sound by Foxglove's schemas."""
 
+import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -10,13 +11,15 @@ from typing import Any, Literal
 import numpy as np
 
 from exumi_converters.mcap_files.records import Records
+from exumi_converters.picture_files import check_size, decode_picture
 from exumi_converters.tactile_analysis import TactileAnalysis
-from exumi_data.errors import DamagedDataError, SourceError
+from exumi_data.errors import DamagedDataError, ExumiError, SourceError
 from exumi_data.model import ArrayImages, Clock, EncodedImages, Frames, QualityNote
+from exumi_data.standard import flags as standard_flags
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.tactile import to_grey
-from exumi_data.time import format_rate, format_utc
+from exumi_data.time import format_rate, format_utc, parse_rate
 
 __all__ = ["ForeignFile"]
 
@@ -24,23 +27,46 @@ _IMAGES = ("foxglove.CompressedImage", "foxglove.RawImage")
 _POSES = ("foxglove.FrameTransform", "foxglove.PoseInFrame")
 _SOUND = "foxglove.RawAudio"
 _YEAR_2000_NS = 946_684_800_000_000_000
-_NUDGED = 1 << 0
+_DAY_NS = 86_400_000_000_000
+_LAST_NS = 2**63
+_MOST_STREAMS = 64
+_MOST_REASONS = 3
+_LONGEST_NAME = 56  # leaves room for a number
+
+
+_FramePair = tuple[str, str]
+
+
+@dataclass(slots=True)
+class _Channel:
+    """A channel that is read."""
+
+    topic: str
+    schema: str
+    seen: int = 0
 
 
 @dataclass(slots=True)
 class _Topic:
-    """One topic that becomes a stream."""
+    """What becomes a stream: a topic, or the transforms of one frame in it."""
 
     name: str
     schema: str
     kind: str
+    shift_ns: int = 0
     stream: Any = None
     last_ns: int | None = None
+    shifted: bool = False
     count: int = 0
-    dropped: int = 0
-    seen: int = 0
     analysis: TactileAnalysis = field(default_factory=TactileAnalysis)
     taken: set[int] = field(default_factory=set)  # which messages of a tactile topic
+
+
+@dataclass(slots=True)
+class _Dropped:
+    """Messages that were left out."""
+
+    count: int = 0
     reasons: set[str] = field(default_factory=set)
 
 
@@ -59,9 +85,12 @@ class ForeignFile:
         self._path = path
         self._writer = writer
         self._tactile = tactile
-        self._topics: dict[int, _Topic] = {}
+        self._channels: dict[int, _Channel] = {}
+        self._topics: dict[tuple[int, _FramePair | None], _Topic] = {}
         self._unread: dict[str, str] = {}
+        self._dropped: dict[str, _Dropped] = {}
         self._start_ns: int | None = None
+        self._start_log_ns = 0
 
     def write(self) -> int:
         """Write the streams; return the number of samples.
@@ -75,7 +104,7 @@ class ForeignFile:
 
         schemas: dict[int, str] = {}
         records = Records(self._path)
-        channels = self._topics
+        channels = self._channels
         for record in records.read():
             if isinstance(record, Schema):
                 schemas[record.id] = record.name
@@ -84,13 +113,15 @@ class ForeignFile:
             elif isinstance(record, Message) and record.channel_id in channels:
                 self._take(channels[record.channel_id], record)
         self._note(records.damage)
-        for channel, topic in channels.items():
+        for (channel, _), topic in self._topics.items():
             if topic.kind == "tactile" and topic.count:
                 reader = _TopicReader(self._path, channel, topic)
                 topic.analysis.finish(self._writer, topic.stream, reader)
         count = sum(topic.count for topic in self._topics.values())
         if count == 0:
-            unread = ", ".join(f"{topic} ({why})" for topic, why in sorted(self._unread.items()))
+            why = dict(self._unread)
+            why |= {name: min(dropped.reasons) for name, dropped in self._dropped.items()}
+            unread = ", ".join(f"{topic} ({reason})" for topic, reason in sorted(why.items()))
             raise SourceError(
                 f"no message of it can be read: {records.damage or unread or 'it is empty'}",
                 where=self._path,
@@ -98,61 +129,98 @@ class ForeignFile:
         return count
 
     def _open(self, channel: Any, schema: str) -> None:
-        if channel.id in self._topics or channel.topic in self._unread:
+        if channel.id in self._channels or channel.topic in self._unread:
             return
         known = schema in (*_IMAGES, *_POSES, _SOUND)
         if channel.message_encoding != "protobuf" or not known:
             self._unread[channel.topic] = f"{schema or 'no schema'}, {channel.message_encoding}"
             return
-        kind = "pose" if schema in _POSES else "audio" if schema == _SOUND else "rgb"
-        if kind == "rgb" and channel.topic in self._tactile:
-            kind = "tactile"
-        self._topics[channel.id] = _Topic(self._name(channel.topic), schema, kind)
+        self._channels[channel.id] = _Channel(channel.topic, schema)
+
+    def _topic_of(self, record: Any, message: Any) -> _Topic:
+        """Return the topic of a message; of transforms, each pair of frames is one."""
+        channel = self._channels[record.channel_id]
+        frames = _frames_of(message) if channel.schema in _POSES else None
+        key = (record.channel_id, frames)
+        if key not in self._topics:
+            if len(self._topics) >= _MOST_STREAMS:
+                msg = f"more than {_MOST_STREAMS} topics and frames"
+                raise ValueError(msg)
+            kind = "pose" if frames else "audio" if channel.schema == _SOUND else "rgb"
+            if kind == "rgb" and channel.topic in self._tactile:
+                kind = "tactile"
+            second = any(number == record.channel_id for number, _ in self._topics)
+            wanted = f"{channel.topic}_{frames[1]}" if frames and second else channel.topic
+            self._topics[key] = _Topic(self._name(wanted), channel.schema, kind)
+        return self._topics[key]
 
     def _name(self, topic: str) -> str:
         """Make a stream's name of a topic's."""
         name = re.sub(r"[^a-z0-9]+", "_", topic.lower()).strip("_")
-        name = name if name[:1].isalpha() else f"topic_{name}".rstrip("_")
+        name = (name if name[:1].isalpha() else f"topic_{name}")[:_LONGEST_NAME].rstrip("_")
         taken = {known.name for known in self._topics.values()}
         number, free = 2, name
         while free in taken:
             free, number = f"{name}_{number}", number + 1
         return free
 
-    def _take(self, topic: _Topic, record: Any) -> None:
-        number, topic.seen = topic.seen, topic.seen + 1
+    def _take(self, channel: _Channel, record: Any) -> None:
+        topic: _Topic | None = None
         try:
-            message = _parsed(topic.schema, record.data)
-            stamp = message.timestamp.ToNanoseconds() or record.log_time
-            value = _VALUES[topic.schema](message)
-        except (ValueError, SourceError) as error:
-            topic.dropped += 1
-            topic.reasons.add(str(error))
-            return
-        if self._start_ns is None:
-            self._start_ns = stamp if stamp > _YEAR_2000_NS else 0
-            self._writer.metadata.start = format_utc(stamp) if self._start_ns else None
-        if topic.stream is None:
-            topic.stream = self._add_stream(topic, value, message)
-        fits = topic.stream is not None and _fits(topic.stream, value)
-        if not fits:
-            topic.dropped += 1
-            topic.reasons.add("another size or encoding than the first")
-            return
-        if topic.kind == "tactile":
-            try:
+            message = _parsed(channel.schema, record.data)
+            topic = self._topic_of(record, message)
+            value = _VALUES[channel.schema](message)
+            at = self._time_of(topic, message, record)
+            if topic.stream is None:
+                topic.stream = self._add_stream(topic, value, message)
+            _check_fits(topic.stream, value, message)
+            if topic.kind == "tactile":
                 topic.analysis.add(_grey(value))
-            except DamagedDataError as error:
-                topic.dropped += 1
-                topic.reasons.add(error.what)
-                return
-            topic.taken.add(number)
-        self._append(topic, stamp - self._start_ns, value)
+                topic.taken.add(channel.seen)
+            self._append(topic, at, value)
+        except (ValueError, DamagedDataError) as error:
+            reason = error.what if isinstance(error, ExumiError) else str(error).split("\n")[0]
+            self._drop(topic, channel, reason)
+        channel.seen += 1
+
+    def _drop(self, topic: _Topic | None, channel: _Channel, reason: str) -> None:
+        name = channel.topic if topic is None else topic.name
+        dropped = self._dropped.setdefault(name, _Dropped())
+        dropped.count += 1
+        if len(dropped.reasons) < _MOST_REASONS:
+            dropped.reasons.add(reason)
+
+    def _time_of(self, topic: _Topic, message: Any, record: Any) -> int:
+        """Return when a message was made, since the first of the file.
+
+        Stamps of another clock than the first one's, such as one that counts from when a device
+        was switched on, are shifted: the first of them is put where it was logged.
+        """
+        stamp = _stamp_of(message) or record.log_time
+        if stamp >= _LAST_NS:
+            msg = "a time that no clock shows"
+            raise ValueError(msg)
+        if self._start_ns is None:
+            self._start_ns, self._start_log_ns = stamp, record.log_time
+            if stamp > _YEAR_2000_NS:
+                self._writer.metadata.start = format_utc(stamp)
+        at: int = stamp - self._start_ns
+        if topic.last_ns is None and abs(at) > _DAY_NS:
+            topic.shift_ns = record.log_time - self._start_log_ns - at
+            topic.shifted = True
+        at += topic.shift_ns
+        if abs(at) > _DAY_NS:
+            msg = "a time more than a day from the first"
+            raise ValueError(msg)
+        if topic.last_ns is not None and at < topic.last_ns:
+            msg = "a time before that of the one before"
+            raise ValueError(msg)
+        return at
 
     def _append(self, topic: _Topic, at: int, value: Any) -> None:
         flags = 0
-        if topic.last_ns is not None and at <= topic.last_ns:
-            at, flags = topic.last_ns + 1, _NUDGED
+        if at == topic.last_ns:
+            at, flags = at + 1, standard_flags()["time_nudged"].mask
         topic.last_ns = at
         topic.count += 1
         topic.stream.append(at, value, flags=flags)
@@ -162,9 +230,8 @@ class ForeignFile:
         if topic.kind in {"rgb", "tactile"}:
             fields["images"] = _images_of(value)
         elif topic.kind == "pose":
-            child = getattr(message, "child_frame_id", "") or topic.name
-            parent = getattr(message, "parent_frame_id", "") or getattr(message, "frame_id", "")
-            fields["frames"] = Frames(parent=parent or "unknown", child=child)
+            parent, child = _frames_of(message)
+            fields["frames"] = Frames(parent=parent, child=child)
         else:
             fields["rate"] = format_rate(Fraction(message.sample_rate))
             fields["channels"] = value.shape[1]
@@ -181,16 +248,17 @@ class ForeignFile:
                     "kept",
                 )
             )
+        for name, dropped in self._dropped.items():
+            reasons = "; ".join(sorted(dropped.reasons))
+            message = f"{dropped.count} messages of {name} were left out: {reasons}"
+            notes.append(QualityNote(code="dropped", message=message))
         for topic in self._topics.values():
-            if topic.dropped:
-                reasons = "; ".join(sorted(topic.reasons)[:3])
-                notes.append(
-                    QualityNote(
-                        code="dropped",
-                        message=f"{topic.dropped} messages of {topic.name} were left out: "
-                        f"{reasons}",
-                    )
+            if topic.shifted and topic.count:
+                message = (
+                    f"stamps of {topic.name} are more than a day from those of the first message: "
+                    "they were shifted so that its first stands where it was logged"
                 )
+                notes.append(QualityNote(code="other-clock", message=message, stream=topic.name))
         if self._unread:
             named = ", ".join(f"{t} ({why})" for t, why in sorted(self._unread.items()))
             message = f"topics that were not read: {named}"
@@ -257,17 +325,13 @@ def _parsed(schema: str, data: bytes) -> Any:
 
 
 def _compressed(message: Any) -> Any:
-    """Return a JPEG as it is; other formats become pixels."""
+    """Return a JPEG as it is; PNG and WebP become pixels."""
     data = bytes(message.data)
     if jpeg.is_jpeg(data):
+        height, width, _ = jpeg.size_of(data)
+        check_size(height, width)
         return data
-    import cv2
-
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB) if data else None
-    if image is None:
-        msg = f"an image ({message.format or 'unknown format'}) cannot be decoded"
-        raise ValueError(msg)
-    return np.asarray(image, np.uint8)
+    return decode_picture(data)
 
 
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1, "8UC1": 1, "8UC3": 3}
@@ -278,6 +342,7 @@ def _raw(message: Any) -> np.ndarray:
     if channels is None:
         msg = f"raw images of the encoding {message.encoding!r}"
         raise ValueError(msg)
+    check_size(message.height, message.width)
     row = message.width * channels
     step = message.step or row
     if step < row or len(message.data) < step * message.height:
@@ -296,7 +361,7 @@ def _pose(message: Any) -> np.ndarray:
         p, q = message.pose.position, message.pose.orientation
     values = np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
     norm = float(np.linalg.norm(values[3:]))
-    if not np.isfinite(values).all() or norm < 0.5:  # no rotation at all
+    if not (np.isfinite(values).all() and 0.5 < norm < math.inf):  # less is no rotation at all
         msg = "a pose holds no rotation, or no finite numbers"
         raise ValueError(msg)
     values[3:] /= norm
@@ -304,8 +369,8 @@ def _pose(message: Any) -> np.ndarray:
 
 
 def _audio(message: Any) -> np.ndarray:
-    if message.format != "pcm-s16" or message.number_of_channels < 1:
-        msg = f"sound of the format {message.format!r}"
+    if message.format != "pcm-s16" or message.number_of_channels < 1 or message.sample_rate < 1:
+        msg = f"sound of the format {message.format!r}, or without rate or channels"
         raise ValueError(msg)
     samples = np.frombuffer(message.data, "<i2")
     return samples.reshape(-1, message.number_of_channels)
@@ -338,11 +403,44 @@ def _colours(channels: int) -> Literal[1, 3]:
     return 1 if channels == 1 else 3
 
 
-def _fits(stream: Any, value: Any) -> bool:
-    images = getattr(stream.model, "images", None)
-    if images is None:
-        return True
-    size = (images.height, images.width, images.channels)
-    if isinstance(value, bytes):
-        return bool(images.encoding == "encoded" and jpeg.size_of(value) == size)
-    return bool(images.encoding == "array" and value.shape == size)
+def _check_fits(stream: Any, value: Any, message: Any) -> None:
+    """Check that a value is like those before it.
+
+    Raises
+    ------
+    ValueError
+        It is not.
+    """
+    model = stream.model
+    if model.kind == "audio":
+        like = (Fraction(message.sample_rate), value.shape[1]) == (
+            parse_rate(model.rate),
+            model.channels,
+        )
+    elif model.kind == "pose":
+        return
+    else:
+        images = model.images
+        size = (images.height, images.width, images.channels)
+        found = jpeg.size_of(value) if isinstance(value, bytes) else value.shape
+        kind = "encoded" if isinstance(value, bytes) else "array"
+        like = (images.encoding, size) == (kind, found)
+    if not like:
+        msg = "another size, rate or encoding than the first"
+        raise ValueError(msg)
+
+
+def _stamp_of(message: Any) -> int:
+    """Return a message's own time; 0: it has none, or one that cannot be."""
+    try:
+        stamp: int = message.timestamp.ToNanoseconds()
+    except ValueError:
+        return 0
+    return stamp if 0 <= stamp < _LAST_NS else 0
+
+
+def _frames_of(message: Any) -> _FramePair:
+    """Return parent and child of a transform or pose."""
+    parent = getattr(message, "parent_frame_id", "") or getattr(message, "frame_id", "")
+    child = getattr(message, "child_frame_id", "")
+    return parent or "unknown", child or "unknown"

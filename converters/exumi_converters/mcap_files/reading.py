@@ -85,6 +85,8 @@ def _files(source: Path) -> list[Path]:
 
 def _is_mcap(path: Path) -> bool:
     try:
+        if not path.is_file():  # a pipe would be waited for
+            return False
         with path.open("rb") as file:
             return file.read(len(_MAGIC)) == _MAGIC
     except OSError:

@@ -1,22 +1,24 @@
 """A file that exUMI wrote becomes the episode again: streams as they were, from their messages."""
 
-import io
 import json
+import tempfile
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from exumi_converters.frame_files import add_lossy
+from exumi_converters.mcap_files.arrays import read_array
 from exumi_converters.mcap_files.messages import BESIDE
 from exumi_converters.mcap_files.own_record import OwnRecord, read_own_record
-from exumi_converters.mcap_files.records import Records
+from exumi_converters.mcap_files.records import AttachedFile, Records
 from exumi_converters.mcap_files.topics import (
     ARRAYS_FOLDER,
     JSON_SCHEMAS,
-    VIDEO_FOLDER,
     topic_of,
+    video_piece,
 )
 from exumi_data.errors import SourceError
 from exumi_data.model import EncodedImages, LossyStep, QualityNote
@@ -65,8 +67,7 @@ class RestoredFile:
         self._writer = writer
         self._record: OwnRecord = record
         self._streams: dict[str, _Pending] = {}
-        self._arrays: dict[str, np.ndarray] = {}
-        self._videos: dict[str, bytes] = {}
+        self._attached: dict[str, AttachedFile] = {}
 
     def write(self) -> int:
         """Write the episode; return the number of samples.
@@ -78,17 +79,17 @@ class RestoredFile:
         """
         self._describe()
         records = Records(self._path)
-        channels: dict[int, Any] = {}
-        from mcap.records import Attachment, Channel, Message
+        topics: dict[int, str] = {}
+        from mcap.records import Channel, Message
 
         for record in records.read():
             if isinstance(record, Channel):
-                channels[record.id] = record
+                topics[record.id] = record.topic
                 self._open_stream(record)
             elif isinstance(record, Message):
-                self._take(channels[record.channel_id].topic, record)
-            elif isinstance(record, Attachment):
-                self._keep(record)
+                self._take(topics.get(record.channel_id, ""), record)
+            elif isinstance(record, AttachedFile):
+                self._attached[record.name] = record
         for pending in self._streams.values():
             self._flush(pending)
         if records.damage is not None:
@@ -123,7 +124,7 @@ class RestoredFile:
         self._streams[channel.topic] = _Pending(
             writer=stream,
             decode=_decoder(model.kind, fields.get("images")),
-            is_json=channel.message_encoding == "json",
+            is_json=model.kind in JSON_SCHEMAS,
             has_beside=bool(set(BESIDE) & set(model.arrays)),
             dtypes={
                 key.removeprefix("exumi.dtype."): _dtype(text, self._path)
@@ -152,35 +153,59 @@ class RestoredFile:
         )
 
     def _take(self, topic: str, message: Any) -> None:
-        own = topic.removesuffix("/sample")
-        pending = self._streams.get(own)
+        at = message.log_time - self._record.base_ns
+        pending = self._streams.get(topic)
         if pending is None:
+            pending = self._streams.get(topic.removesuffix("/sample"))
+            if pending is not None:
+                self._take_beside(pending, at, topic, message.data)
             return
-        if topic == own:
-            pending.time.append(message.log_time - self._record.base_ns)
-            if pending.is_json:
-                value = self._parsed(message.data)
-                pending.values.append(value)
-                pending.beside.append(value)
-            else:
-                pending.values.append(pending.decode(message.data))
-                if not pending.has_beside:
-                    pending.beside.append({})
-            pending.size += len(message.data)
+        pending.time.append(at)
+        pending.size += len(message.data)
+        if pending.is_json:
+            value = self._parsed(message.data, topic)
+            pending.values.append(value)
+            pending.beside.append(value)
         else:
-            pending.beside.append(self._parsed(message.data))
+            pending.values.append(self._decoded(pending, message.data, topic))
+            if not pending.has_beside:
+                pending.beside.append({})
+        self._flush_if_full(pending, topic)
+
+    def _take_beside(self, pending: _Pending, at: int, topic: str, data: bytes) -> None:
+        """Take what stands beside a sample: it comes next after it, and has its time."""
+        place = len(pending.beside)
+        if place >= len(pending.time) or pending.time[place] != at:
+            raise SourceError(f"a message of {topic} belongs to no sample", where=self._path)
+        pending.beside.append(self._parsed(data, topic))
+        self._flush_if_full(pending, topic)
+
+    def _flush_if_full(self, pending: _Pending, topic: str) -> None:
+        lacking = len(pending.time) - len(pending.beside)
+        if lacking > 1:
+            raise SourceError(f"{topic}/sample lacks what stands beside a sample", where=self._path)
         full = len(pending.time) >= _BATCH or pending.size >= _BATCH_BYTES
-        if full and len(pending.beside) == len(pending.time):
+        if full and not lacking:
             self._flush(pending)
 
-    def _parsed(self, data: bytes) -> dict[str, Any]:
+    def _parsed(self, data: bytes, topic: str) -> dict[str, Any]:
         try:
             value = json.loads(data)
-        except ValueError:
+        except (ValueError, RecursionError):
             value = None
         if not isinstance(value, dict):
-            raise SourceError("a message is no JSON object", where=self._path)
+            raise SourceError(f"a message of {topic} is no JSON object", where=self._path)
         return value
+
+    def _decoded(self, pending: _Pending, data: bytes, topic: str) -> Any:
+        from google.protobuf.message import DecodeError
+
+        try:
+            return pending.decode(data)
+        except (DecodeError, ValueError, OverflowError) as error:
+            raise SourceError(
+                f"a message of {topic} is not what its schema says ({error})", where=self._path
+            ) from None
 
     def _flush(self, pending: _Pending) -> None:
         # Of a file that was cut, the last sample may lack what stands beside it.
@@ -191,30 +216,25 @@ class RestoredFile:
         values: Any = pending.values[:count]
         if pending.is_json:
             key = "width_m" if pending.writer.model.kind == "width" else "values"
-            values = _array([value.get(key) for value in values], pending, "data", self._path)
+            if any(key not in value for value in values):
+                name = pending.writer.name
+                raise SourceError(f"a message of {name!r} holds no {key}", where=self._path)
+            values = _array([value[key] for value in values], pending, "data", self._path)
         elif pending.writer.model.kind == "pose":
             values = np.array(values, np.float64)
         elif isinstance(values[0], np.ndarray) and pending.writer.model.kind != "audio":
             values = np.stack(values)
-        pending.writer.append(np.array(pending.time[:count], np.int64), values, **beside)  # type: ignore[attr-defined]  # all but videos'
+        time = _numbers(pending.time[:count], np.dtype(np.int64), self._path)
+        pending.writer.append(time, values, **beside)  # type: ignore[attr-defined]  # all but videos'
         pending.count += count
         for waiting in (pending.time, pending.values, pending.beside):
             del waiting[:count]
         pending.size = 0
 
-    def _keep(self, attachment: Any) -> None:
-        if attachment.name.startswith(ARRAYS_FOLDER):
-            path = attachment.name.removeprefix(ARRAYS_FOLDER).removesuffix(".npy")
-            try:
-                array = np.load(io.BytesIO(attachment.data), allow_pickle=False)
-            except (ValueError, OSError, EOFError) as error:
-                raise SourceError(
-                    f"the attachment {attachment.name} is no plain array ({error})",
-                    where=self._path,
-                ) from None
-            self._arrays[path] = array
-        elif attachment.name.startswith(VIDEO_FOLDER):
-            self._videos[attachment.name.removeprefix(VIDEO_FOLDER)] = attachment.data
+    def _array(self, path: str) -> np.ndarray | None:
+        """Return an array that is attached; None: it is not."""
+        attached = self._attached.get(f"{ARRAYS_FOLDER}{path}.npy")
+        return None if attached is None else read_array(attached)
 
     def _note_damage(self, damage: str) -> None:
         if not any(pending.count for pending in self._streams.values()):
@@ -233,30 +253,63 @@ class RestoredFile:
             images = getattr(model, "images", None)
             if images is None or images.encoding != "video":
                 continue
-            parts = [self._videos.get(f"{name}/{i:06d}") for i in range(len(images.files))]
             arrays = {
-                key: self._arrays.get(f"streams/{name}/{key}")
+                key: self._array(f"streams/{name}/{key}")
                 for key in ("pts", "keyframe", "file", "time", *BESIDE)
             }
             needed = [arrays[key] for key in ("pts", "keyframe", "file", "time")]
-            if any(part is None for part in (*parts, *needed)):
-                raise SourceError(f"video of stream {name!r} is missing", where=self._path)
+            if any(array is None for array in needed) or len({len(a) for a in needed}) > 1:  # type: ignore[arg-type]  # none of them is None here
+                raise SourceError(f"times of the video {name!r} are missing", where=self._path)
             fields = _fields(model)
             fields["images"] = {**fields["images"], "files": []}
             stream = self._writer.add_stream(name, kind=model.kind, clock=model.clock, **fields)
-            _append_videos(stream, images.files, parts, arrays, given=bool(model.clock.raw_time))
+            self._append_videos(stream, images.files, arrays, given=bool(model.clock.raw_time))
             self._streams[topic_of(name)] = _Pending(
                 stream, None, is_json=False, has_beside=False, dtypes={}, count=stream.count
             )
 
+    def _append_videos(
+        self, stream: Any, files: Any, arrays: dict[str, Any], *, given: bool
+    ) -> None:
+        first = 0
+        for index, file in enumerate(files):
+            rows = arrays["file"] == index
+            extra = {k: arrays[k][rows] for k in BESIDE if arrays[k] is not None and k != "raw"}
+            if given:
+                extra["time"] = arrays["time"][rows]
+            keyframe = arrays["keyframe"][rows].astype(np.int64) - first
+            with tempfile.TemporaryDirectory() as folder:
+                path = self._whole_video(stream.name, index, Path(folder, "video"))
+                stream.append_file(path, file, pts=arrays["pts"][rows], keyframe=keyframe, **extra)
+            first += int(rows.sum())
+
+    def _whole_video(self, stream: str, index: int, path: Path) -> Path:
+        """Write a video file that is attached, in one piece or several, and return its path."""
+        pieces = self._video_pieces(stream, index)
+        if not pieces:
+            raise SourceError(f"video {index} of stream {stream!r} is missing", where=self._path)
+        with path.open("wb") as file:
+            for piece in pieces:
+                file.writelines(piece.pieces())
+        return path
+
+    def _video_pieces(self, stream: str, index: int) -> list[AttachedFile]:
+        whole = self._attached.get(video_piece(stream, index, None))
+        if whole is not None:
+            return [whole]
+        found: list[AttachedFile] = []
+        while (piece := self._attached.get(video_piece(stream, index, len(found)))) is not None:
+            found.append(piece)
+        return found
+
     def _add_arrays(self) -> None:
         for pending in self._streams.values():
             name = pending.writer.name
-            reference = self._arrays.get(f"streams/{name}/reference")
+            reference = self._array(f"streams/{name}/reference")
             if reference is not None:
                 said = dump(self._record.metadata.streams[name]).get("reference") or {}
                 pending.writer.set_reference(reference, **{"method": "captured", **said})
-            valid = self._arrays.get(f"streams/{name}/valid")
+            valid = self._array(f"streams/{name}/valid")
             if valid is not None:
                 pending.writer.set_valid(valid)  # type: ignore[attr-defined]  # of taxels
         self._add_calibration()
@@ -267,7 +320,7 @@ class RestoredFile:
         for name, item in list(calibration.items()):
             if item.array is None:
                 continue
-            array = self._arrays.get(f"calibration/{name}")
+            array = self._array(f"calibration/{name}")
             if array is None:
                 del calibration[name]
                 self._lost(f"the array of the calibration item {name!r}")
@@ -279,7 +332,7 @@ class RestoredFile:
         written = {pending.writer.name: pending.count for pending in self._streams.values()}
         for key, item in derived.items.items() if derived else ():
             stream, _, name = key.partition("/")
-            array = self._arrays.get(f"derived/{key}")
+            array = self._array(f"derived/{key}")
             if array is None or not written.get(stream):
                 continue
             said = item.model_dump(exclude_unset=True)
@@ -304,7 +357,7 @@ def _fields(model: Any) -> dict[str, Any]:
 def _decoder(kind: str, images: Any) -> Any:
     """Return what makes a value of a message's bytes."""
     if kind in {"rgb", "tactile"}:
-        return _raw_image if _is_array(images) else _jpeg_bytes
+        return partial(_raw_image, images=images) if _is_array(images) else _jpeg_bytes
     return {"pose": _transform, "audio": _sound}.get(kind)
 
 
@@ -318,11 +371,11 @@ def _jpeg_bytes(data: bytes) -> bytes:
     return bytes(CompressedImage.FromString(data).data)
 
 
-def _raw_image(data: bytes) -> np.ndarray:
+def _raw_image(data: bytes, images: dict[str, Any]) -> np.ndarray:
     from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
-    image = RawImage.FromString(data)
-    return np.frombuffer(image.data, np.uint8).reshape(image.height, image.width, -1)
+    shape = (images["height"], images["width"], images["channels"])
+    return np.frombuffer(RawImage.FromString(data).data, np.uint8).reshape(shape)
 
 
 def _transform(data: bytes) -> tuple[float, ...]:
@@ -377,17 +430,3 @@ def _numbers(values: list[Any], dtype: np.dtype[Any], path: Path) -> np.ndarray:
         return np.array(values, dtype=np.float64 if dtype.kind == "f" else dtype).astype(dtype)
     except (TypeError, ValueError, OverflowError) as error:
         raise SourceError(f"a message holds no {dtype} ({error})", where=path) from None
-
-
-def _append_videos(
-    stream: Any, files: Any, parts: list[Any], arrays: dict[str, Any], *, given: bool
-) -> None:
-    first = 0
-    for index, (file, part) in enumerate(zip(files, parts, strict=True)):
-        rows = arrays["file"] == index
-        extra = {k: arrays[k][rows] for k in BESIDE if arrays[k] is not None and k != "raw"}
-        if given:
-            extra["time"] = arrays["time"][rows]
-        keyframe = arrays["keyframe"][rows].astype(np.int64) - first
-        stream.append_file(part, file, pts=arrays["pts"][rows], keyframe=keyframe, **extra)
-        first += int(rows.sum())

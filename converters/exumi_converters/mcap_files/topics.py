@@ -16,6 +16,7 @@ __all__ = [
     "json_schema",
     "require_mcap",
     "topic_of",
+    "video_piece",
 ]
 
 DOCUMENT_RECORD = "exumi"
@@ -23,7 +24,7 @@ DOCUMENT_RECORD = "exumi"
 ARRAYS_FOLDER = "exumi/arrays/"
 """Attachments whose names begin with this are ``.npy`` arrays of the episode."""
 VIDEO_FOLDER = "exumi/video/"
-"""Attachments whose names begin with this are video files, byte for byte."""
+"""Attachments whose names begin with this are video files, byte for byte, or pieces of them."""
 SAMPLE_SCHEMA = "exumi.Sample"
 """What is known of a sample beside what Foxglove's own message says."""
 
@@ -47,6 +48,20 @@ JSON_SCHEMAS: Mapping[str, Mapping[str, Any]] = {
 def topic_of(stream: str) -> str:
     """Return the topic of a stream."""
     return f"/{stream}"
+
+
+def video_piece(stream: str, file: int, piece: int | None) -> str:
+    """Return the attachment's name of a video file, or of one piece of it.
+
+    Parameters
+    ----------
+    stream : str
+    file : int
+    piece : int or None
+        None: the whole file.
+    """
+    name = f"{VIDEO_FOLDER}{stream}/{file:06d}"
+    return name if piece is None else f"{name}.{piece:06d}"
 
 
 def json_schema(name: str, properties: Mapping[str, Any]) -> bytes:

@@ -18,15 +18,15 @@ from exumi_converters.mcap_files.topics import (
     DOCUMENT_RECORD,
     JSON_SCHEMAS,
     SAMPLE_SCHEMA,
-    VIDEO_FOLDER,
     json_schema,
     require_mcap,
     topic_of,
+    video_piece,
 )
 from exumi_data.calibration import intrinsics_of
 from exumi_data.dataset import Dataset
 from exumi_data.episode import Episode, StreamView
-from exumi_data.errors import UsageError
+from exumi_data.errors import ExumiError, UsageError
 from exumi_data.time import parse_utc
 
 if TYPE_CHECKING:
@@ -38,7 +38,10 @@ _CHUNK_BYTES = 4 * 1024 * 1024
 _PROFILE = ""
 _LIBRARY = "exumi-data"
 _KINDS = ("rgb", "tactile", "pose", "audio", *JSON_SCHEMAS)
-_PER_SAMPLE = 120  # bytes of a message of one pose or width
+_PIECE_BYTES = 64 * 1024 * 1024  # of an attached video: the library wants each in memory
+_PER_EPISODE = 12_000  # bytes of schemas and documents
+_PER_SAMPLE = 60  # bytes of a message of one pose or width, compressed
+_JPEG_BYTES_PER_PIXEL = 0.15
 
 
 class McapOptions(FormatOptions):
@@ -85,8 +88,9 @@ class McapExporter:
         size = 0
         for episode in dataset:
             with episode:
+                size += _PER_EPISODE
                 for stream in episode.streams.values():
-                    size += _estimated_bytes(stream)
+                    size += _estimated_bytes(stream, told)
                     for loss in _losses(stream, told):
                         losses.setdefault((loss.facet, stream.name), loss)
         return ExportPlan(
@@ -94,7 +98,10 @@ class McapExporter:
             items=tuple(ExportItem(id=name, index=i) for i, name in enumerate(dataset.ids)),
             writes="file" if one_file else "folder",
             shared={"video": told.video},
-            losses=tuple(losses.values()),
+            losses=(
+                *(Loss(facet=facet, detail=self.loses[facet]) for facet in ("identity", "source")),
+                *losses.values(),
+            ),
             estimated_bytes=size,
         )
 
@@ -125,15 +132,25 @@ class McapExporter:
             (part.folder / "episode.mcap").rename(name)
 
 
-def _estimated_bytes(stream: StreamView) -> int:
-    if stream.is_image:
-        images = stream.metadata.images  # type: ignore[attr-defined]  # an image stream
-        if images.encoding == "array":
-            return int(np.prod(stream.frames.shape))
-        if images.encoding == "video":
-            return sum(file.bytes for file in images.files)
-        return int(stream.array("offset")[-1])
-    return _PER_SAMPLE * len(stream)
+def _estimated_bytes(stream: StreamView, told: McapOptions) -> int:
+    if not stream.is_image:
+        return _PER_SAMPLE * len(stream)
+    images: Any = stream.metadata.images  # type: ignore[attr-defined]  # an image stream
+    pixels = int(images.height * images.width)
+    channels = int(images.channels)
+    size = _PER_SAMPLE * len(stream)
+    if "reference" in stream.metadata.arrays:
+        size += round(1.3 * pixels * channels)  # attached, and compressed to be seen
+    if images.encoding == "array":
+        return size + len(stream) * pixels * channels
+    if images.encoding == "video" and told.video == "jpeg":
+        return size + round(len(stream) * pixels * _JPEG_BYTES_PER_PIXEL)
+    if images.encoding == "video":
+        return size + sum(int(file.bytes) for file in images.files)
+    try:
+        return size + int(stream.array("offset")[-1])
+    except ExumiError:
+        return size  # writing it says what is the matter
 
 
 def _losses(stream: StreamView, told: McapOptions) -> list[Loss]:
@@ -167,6 +184,8 @@ class _EpisodeFile:
                 self._add_channel(topic, schema, stream)
         self._write_document()
         self._write_calibrations()
+        self._write_references()
+        own = {topic_of(stream.name) for stream in self._streams}
         count = 0
         messages = [
             messages_of(self._episode, s, self._base_ns, video_as_jpeg=self._video_as_jpeg)
@@ -183,15 +202,14 @@ class _EpisodeFile:
                     data=data,
                     sequence=number & 0xFFFFFFFF,
                 )
-                count += not topic.endswith("/sample")
-        self._write_references()
+                count += topic in own
         self._write_arrays()
         self._write_videos()
         return count
 
     def _add_channel(self, topic: str, schema: str, stream: StreamView | None = None) -> None:
         is_json = schema.startswith("exumi.")
-        about = {} if stream is None else _about(stream, topic)
+        about = {} if stream is None else _about(stream)
         self._channels[topic] = self._writer.register_channel(
             topic=topic,
             message_encoding="json" if is_json else "protobuf",
@@ -234,7 +252,7 @@ class _EpisodeFile:
                 R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
                 P=[fx, intrinsics.skew, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
             )
-            self._add_still(topic, message, stream)
+            self._add_still(topic, message)
 
     def _write_references(self) -> None:
         """Let viewers show the images without contact; the exact ones are attached."""
@@ -255,12 +273,11 @@ class _EpisodeFile:
                 step=width * channels,
                 data=image.tobytes(),
             )
-            self._add_still(topic, message, stream)
+            self._add_still(topic, message)
 
-    def _add_still(self, topic: str, message: Any, stream: StreamView) -> None:
-        """Write what holds for a whole stream, at its first sample."""
-        time_ns = stream.time
-        at = self._base_ns + (int(time_ns[0]) if len(time_ns) else 0)
+    def _add_still(self, topic: str, message: Any) -> None:
+        """Write what holds for a whole stream: before all samples, at the time of the first."""
+        at = self._base_ns + _first_ns(self._streams)
         message.timestamp.FromNanoseconds(at)
         self._writer.add_message(
             channel_id=self._channels[topic],
@@ -307,14 +324,24 @@ class _EpisodeFile:
                 if array in stream.metadata.arrays:
                     self._attach(f"streams/{stream.name}/{array}", stream.array(array))
             self._attach(f"streams/{stream.name}/time", stream.time)
+            offset = stream.array("offset").tolist()
             for index, file in enumerate(images.files):
-                self._writer.add_attachment(
-                    create_time=0,
-                    log_time=self._base_ns,
-                    name=f"{VIDEO_FOLDER}{stream.name}/{index:06d}",
-                    media_type=file.media_type,
-                    data=stream.container(index),
-                )
+                self._attach_video(stream, index, file.media_type, offset[index : index + 2])
+
+    def _attach_video(
+        self, stream: StreamView, index: int, media_type: str, place: Sequence[int]
+    ) -> None:
+        """Attach a video file byte for byte: a large one in pieces."""
+        starts = range(place[0], place[1], _PIECE_BYTES)
+        for number, start in enumerate(starts):
+            stop = min(start + _PIECE_BYTES, place[1])
+            self._writer.add_attachment(
+                create_time=0,
+                log_time=self._base_ns,
+                name=video_piece(stream.name, index, number if len(starts) > 1 else None),
+                media_type=media_type,
+                data=stream.rows("data", start, stop).tobytes(),
+            )
 
     def _write_document(self) -> None:
         """Keep the episode's own words, so that nothing of them has to be guessed again."""
@@ -334,21 +361,24 @@ def _base_ns(episode: Episode, streams: Sequence[StreamView]) -> int:
 
     MCAP's times are not negative: times before an unknown start are moved.
     """
-    first = min((int(s.time[0]) for s in streams if len(s)), default=0)
+    first = _first_ns(streams)
     start = episode.metadata.start
     base = 0 if start is None else parse_utc(str(start))
     return max(base, -first)
 
 
-def _about(stream: StreamView, topic: str) -> dict[str, str]:
+def _first_ns(streams: Sequence[StreamView]) -> int:
+    return min((int(s.time[0]) for s in streams if len(s)), default=0)
+
+
+def _about(stream: StreamView) -> dict[str, str]:
     """Say in a channel's metadata what its stream is, and of which types the numbers were."""
     about = {"exumi.stream": stream.name, "exumi.kind": stream.kind}
     if stream.metadata.sensor is not None:
         about["sensor"] = stream.metadata.sensor.model
-    if not topic.endswith("/calibration"):
-        for name in ("data", "raw"):
-            if name in stream.metadata.arrays and not stream.is_image and stream.kind != "audio":
-                about[f"exumi.dtype.{name}"] = stream.rows(name, 0, min(1, len(stream))).dtype.str
+    for name in ("data", "raw"):
+        if name in stream.metadata.arrays and not stream.is_image and stream.kind != "audio":
+            about[f"exumi.dtype.{name}"] = stream.rows(name, 0, min(1, len(stream))).dtype.str
     return about
 
 

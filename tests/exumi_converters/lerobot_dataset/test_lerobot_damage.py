@@ -9,11 +9,13 @@ from typing import Any
 
 import av
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from exumi_converters import ConversionReport, ConvertOptions, convert, plan_conversion
 from exumi_data.dataset import open_dataset
-from exumi_data.errors import ExumiError
+from exumi_data.errors import ExumiError, SourceError
 from exumi_data.store import parquet_limits
 from tests.exumi_converters.lerobot_dataset.theirs import (
     EPISODES,
@@ -64,6 +66,10 @@ def table(number: int, change: Callable[[dict[str, Any]], object]) -> Change:
     return lambda source: edit_rows(source, of_episode(number, change), EPISODES)
 
 
+def begins_at(seconds: float) -> Callable[[dict[str, Any]], object]:
+    return lambda row: row.update({f"videos/{FRONT}/from_timestamp": seconds})
+
+
 def drop_rows(source: Path) -> None:
     edit_rows(source, lambda found: found.__delitem__(slice(14, 17)))
 
@@ -79,6 +85,10 @@ def drop_rows(source: Path) -> None:
         (
             table(1, lambda row: row.update({f"videos/{FRONT}/from_timestamp": 99.0})),
             "(holds|cannot|no frame)",
+        ),
+        *(
+            (table(1, begins_at(at)), "no time at which it begins")
+            for at in (float("nan"), float("inf"), -1.0, 1e300)
         ),
     ],
 )
@@ -240,6 +250,10 @@ def test_paths_that_lead_out_are_refused(source: Path, path: str) -> None:
     [
         {"fps": 0},
         {"fps": float("inf")},
+        {"fps": 1e-300},
+        {"robot_type": "half a \ud83d"},
+        {"features": {"a": {"dtype": "float32", "shape": [10**12]}}},
+        {"features": {"a": {"dtype": "float32", "shape": [-1]}}},
         {"fps": "many"},
         {"features": []},
         {"features": {"a": {"dtype": "float32"}}},
@@ -317,3 +331,26 @@ def test_json_is_not_believed_blindly(source: Path) -> None:
     (source / "meta/info.json").write_text(json.dumps(info)[:-1] + "," + " " * (17 << 20) + "}")
     with pytest.raises(ExumiError):
         plan_conversion(source, from_format="lerobot")
+
+
+def test_a_length_that_nothing_has_is_told_without_the_memory_for_it(source: Path) -> None:
+    table(2, lambda row: row.update(length=2**50, dataset_to_index=2**50 + 27))(source)
+    report = run(source)
+    assert [failure.name for failure in report.failed] == ["episode_000002"]
+    assert "11 rows of the episode, which has 1125899906842624 frames" in report.failed[0].reason
+
+
+def test_numbers_of_episodes_that_are_not_whole_are_told(source: Path) -> None:
+    edit_rows(source, lambda found: [row.update(length=float("nan")) for row in found], EPISODES)
+    with pytest.raises(SourceError, match="'length' holds what is no whole number"):
+        run(source)
+
+
+def test_texts_that_are_none_are_told(source: Path) -> None:
+    path = source / "meta/tasks.parquet"
+    raw = pq.read_table(path)
+    column = pa.array([b"\xff\xfe"] * raw.num_rows, pa.binary()).view(pa.string())
+    name = next(name for name in raw.column_names if name != "task_index")
+    pq.write_table(raw.set_column(raw.column_names.index(name), name, column), path)
+    with pytest.raises(SourceError, match="holds what is no text"):
+        run(source)

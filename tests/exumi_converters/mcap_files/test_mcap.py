@@ -101,6 +101,8 @@ def test_video_files_are_shown_as_jpeg_or_attached_byte_for_byte(
     convert(tmp_path / "clips", tmp_path / "data", from_format="clips", options=QUICK)
     shown = plan_export(tmp_path / "data", tmp_path / "x", to_format="mcap")
     assert {(loss.facet, loss.stream) for loss in shown.losses} == {
+        ("identity", None),
+        ("source", None),
         ("frame-bytes", "tactile"),
         ("pixels", "tactile"),
     }

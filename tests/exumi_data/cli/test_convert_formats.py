@@ -74,3 +74,18 @@ def test_mistakes_are_said_in_one_message(
 def test_what_is_missing_is_said(exumi: Program) -> None:
     assert "SRC and DST are missing" in exumi("convert").stderr
     assert "DST is missing" in exumi("convert", "a").stderr
+
+
+def test_the_list_fits_into_80_columns(exumi: Program) -> None:
+    said = exumi("convert", "--list", COLUMNS="80").stdout
+    assert max(map(len, said.splitlines())) <= 80
+    assert "One of: av1, h264. Default: av1." in " ".join(said.split())
+
+
+def test_names_of_files_do_not_reach_the_terminal_as_codes(exumi: Program, tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "\x1b[31mred.mcap").write_text("no")
+    done = exumi("convert", tmp_path / "in", tmp_path / "out", "--from", "mcap")
+    assert done.returncode == 1
+    assert "\x1b" not in done.stdout + done.stderr
+    assert "red.mcap: is no MCAP file" in done.stderr
