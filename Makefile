@@ -2,7 +2,7 @@
 # Both do all their set-up themselves. Another interpreter: make test PYTHON=python3.12
 
 PYTHON ?= python3
-PYTEST_ARGS ?= -n 2
+PYTEST_ARGS ?= -n 2 --dist worksteal
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.exumi-setup

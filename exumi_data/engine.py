@@ -36,7 +36,13 @@ class Outcome(Generic[Item, Value]):
 
 
 def default_workers() -> int:
-    """Return how many processes this process may use."""
+    """Return how many processes this process may use: its cores, or what PYTHON_CPU_COUNT says.
+
+    Python itself knows the variable since 3.13; containers that limit time, not cores, need it.
+    """
+    told = os.environ.get("PYTHON_CPU_COUNT", "")
+    if told.isdecimal() and int(told) > 0:
+        return int(told)
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
@@ -128,18 +134,21 @@ def _call(function: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]
         return Outcome(item, None, error)
 
 
-def warm_up(*modules: str) -> None:
+def warm_up(*modules: str, workers: int | None = None) -> None:
     """Let modules be imported for the workers to come, while this process does something else.
 
     Worker processes are forked from a helper process: what that one has imported, they need not.
-    Without effect once there have been workers, and where processes cannot be forked.
+    Without effect once there have been workers, where there will be none, and where processes
+    cannot be forked.
 
     Parameters
     ----------
     *modules : str
         Modules that hold the functions for `map_items`.
+    workers : int, optional
+        As for `map_items`.
     """
-    if os.name != "posix":
+    if os.name != "posix" or (workers or default_workers()) == 1:
         return
     from multiprocessing import forkserver, resource_tracker
 

@@ -7,6 +7,12 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+# Tests run side by side, and have the cores to themselves; libraries ask when they are imported.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# Each of the many programs that the tests start would compile the project anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # The same examples on every run (a failure is the change's own), and no time limit for one of them
 # (how fast a test runs says nothing on a shared machine).
 settings.register_profile("exumi", derandomize=True, deadline=None)

@@ -68,8 +68,8 @@ def convert(
         An option, the source or the destination makes no sense as a whole. Nothing was converted.
     """
     began = time.perf_counter()
-    warm_up(__name__)
     options = options or ConvertOptions()
+    warm_up(__name__, workers=options.workers)
     source, destination = Path(source), Path(destination)
     converter, notices = _converter(source, from_format)
     discovery = _discover(converter, source, options)

@@ -109,8 +109,8 @@ def export(
         `ExportOptions.keep_going` is not set. Nothing was written.
     """
     began = time.perf_counter()
-    warm_up(__name__)
     options = options or ExportOptions()
+    warm_up(__name__, workers=options.workers)
     exporter = _exporter(to_format)
     dataset, damaged = _readable(open_source(source))
     destination = Path(destination)

@@ -144,7 +144,7 @@ def prepare(  # noqa: PLR0913  # options, all by keyword
         raise UsageError(
             "source and destination are the same", where=source, fix="Name another destination."
         )
-    warm_up(__name__)
+    warm_up(__name__, workers=workers)
     parents = _find_parents(source)
     splits = _read_splits(source)
     metadata = _dataset_metadata(source, destination, settings)

@@ -31,7 +31,12 @@ FormatOption = Annotated[
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print results and errors only.")]
 WorkersOption = Annotated[
     int | None,
-    typer.Option("--workers", "-j", min=1, help="Processes to work with. Default: all cores."),
+    typer.Option(
+        "--workers",
+        "-j",
+        min=1,
+        help="Processes to work with. Default: all cores, or what PYTHON_CPU_COUNT says.",
+    ),
 ]
 
 

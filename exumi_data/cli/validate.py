@@ -1,6 +1,7 @@
 """``exumi validate``."""
 
 from enum import StrEnum
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -107,8 +108,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     from exumi_data.engine import warm_up
     from exumi_data.errors import UsageError
 
-    if path.is_dir():  # a dataset goes to workers: they load what they need while we do
-        warm_up("exumi_validators.validation")
+    if _is_large(path):  # it goes to workers: they load what they need while we do
+        warm_up("exumi_validators.validation", workers=workers)
     from exumi_validators.fixing import apply_fix, plan_fix
 
     if (apply or accept_changed) and not fix:
@@ -130,6 +131,11 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     if made is not None:
         typer.echo(made.to_text(applied=apply), nl=False, err=output is not _Format.TEXT)
     raise typer.Exit(report.exit_code)
+
+
+def _is_large(path: Path) -> bool:
+    """Whether a dataset has so many episodes that processes are started for them."""
+    return len(list(islice(path.glob("episodes/*/*.zarr*"), 8))) == 8
 
 
 def _config(path: Path, file: Path | None, *, no_config: bool) -> "Config | None":

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 __all__ = ["Sampled", "SlidingCorrelation", "sampled"]
 
@@ -68,6 +67,8 @@ class SlidingCorrelation:
     """
 
     def __init__(self, long: Sampled, most: int) -> None:
+        from scipy import fft
+
         self._long = long
         self._most = most
         self._size = fft.next_fast_len(len(long.values) + 2 * most, real=True)
@@ -97,6 +98,8 @@ class SlidingCorrelation:
         correlation : (L,) float64
             -1 where the two do not overlap or one does not move.
         """
+        from scipy import fft
+
         count = len(short.values)
         values = (short.values - self._middle) * short.known
         known = np.conj(fft.rfft(short.known, self._size))

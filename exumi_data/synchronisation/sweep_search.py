@@ -13,8 +13,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
-from scipy.spatial.transform import Rotation
 
 from exumi_data.calibration_items import CalibrationRefusedError
 from exumi_data.synchronisation.correlation import sampled
@@ -170,6 +168,8 @@ def _columns(poses: PoseTrack) -> Iterator[Float64Array]:
 
     No rotation is taken for the middle one, as a session has none.
     """
+    from scipy.spatial.transform import Rotation
+
     rotation = Rotation.from_quat(poses.poses[:, 3:].copy())
     entries = rotation.as_matrix().reshape(-1, 9)
     position = poses.poses[:, :3] - poses.poses[:, :3].mean(axis=0)
@@ -199,6 +199,8 @@ def _explained(
     explained : (L,) float64
         -inf where the two do not overlap.
     """
+    from scipy import fft
+
     long = _on_grid(time_ns, np.hstack([columns, np.ones((len(columns), 1))]))
     ones = np.ones((len(marker.time_ns), 1))
     middle = marker.position_m.mean(axis=0)

@@ -9,14 +9,17 @@ which least is left.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from exumi_data.clips.gpmf import GyroTrack
 from exumi_data.synchronisation.estimate import LatencyEstimate
 from exumi_data.synchronisation.lags import lag_grid, vertex
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 __all__ = ["TURNS_METHOD", "search_turns"]
 
@@ -57,6 +60,8 @@ def search_turns(
     LatencyEstimate or None
         To be added to the offset. None where the turns do not tell.
     """
+    from scipy.spatial.transform import Rotation
+
     turned = _Turned.of(gyro)
     clip_s = (time_ns - offset_ns) * 1e-9
     margin = _REACH_S + 2 * _STEP_S
@@ -105,6 +110,8 @@ class _Turned:
     @classmethod
     def of(cls, gyro: GyroTrack) -> _Turned:
         """Add up the middle of a recording, a minute at most."""
+        from scipy.spatial.transform import Rotation
+
         middle = 0.5 * float(gyro.time_s[0] + gyro.time_s[-1])
         part = gyro.between(middle - 0.5 * _LONGEST_S, middle + 0.5 * _LONGEST_S) or gyro
         speed = 0.5 * (part.rad_per_s[1:] + part.rad_per_s[:-1])
@@ -113,6 +120,8 @@ class _Turned:
 
     def at(self, time_s: Float64Array) -> Rotation:
         """Return how far it has turned at some times."""
+        from scipy.spatial.transform import Rotation
+
         high = np.clip(np.searchsorted(self.time_s, time_s), 1, len(self.time_s) - 1)
         share = (time_s - self.time_s[high - 1]) / (self.time_s[high] - self.time_s[high - 1])
         before, after = self.quaternions[high - 1], self.quaternions[high]

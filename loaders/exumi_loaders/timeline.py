@@ -407,7 +407,7 @@ def _timelines(
     """Compute the timelines of episodes, in their order; many of them in several processes."""
     few = len(locations) < _MANY_EPISODES
     if not few:
-        warm_up(__name__)
+        warm_up(__name__, workers=workers)
     pieces = [tuple(locations[at : at + _PIECE]) for at in range(0, len(locations), _PIECE)]
     made: dict[tuple[str, ...], list[_EpisodeTimeline]] = {}
     function = partial(_piece, layout=layout, settings=settings)

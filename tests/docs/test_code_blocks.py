@@ -1,15 +1,19 @@
 """Every code block of the documentation runs as it stands, in the order of its page.
 
 A page's blocks share one folder, which holds `my-clips` (three short tactile videos), `my-touches`
-(six of three parts, with a table of labels) and `my-session` (a raw exUMI session). A block that is
-not run says why in an HTML comment on the line above: ``<!-- not run: reason -->``.
+(six of three parts, with a table of labels) and `my-session` (a raw exUMI session). Blocks of
+Python are programs of their own in one process, which imports only once what they use. A block that
+is not run says why in an HTML comment on the line above: ``<!-- not run: reason -->``.
 """
 
+import json
 import os
 import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pytest
@@ -24,6 +28,9 @@ BLOCK = re.compile(
 )
 RUN = ("bash", "python")
 SHOWN = ("text", "json", "toml", "csv", "bibtex")
+TIMEOUT_S = 240
+# What python_blocks.py prints after a block.
+DONE = "--- the block is done ---"
 
 
 def press(number: int, frames: int = 60) -> np.ndarray:
@@ -85,6 +92,65 @@ def test_there_are_pages_and_blocks() -> None:
     assert sum(len(BLOCK.findall(page.read_text())) for page in PAGES) > 5
 
 
+class PythonBlocks:
+    """A process that runs the Python blocks of a page; the first of them starts it."""
+
+    def __init__(self, folder: Path, environment: dict[str, str]) -> None:
+        self._folder = folder
+        self._environment = environment
+        self._process: subprocess.Popen[str] | None = None
+
+    def run(self, code: str) -> str | None:
+        """Run a block; return what it printed if it failed."""
+        process = self._process = self._process or self._start()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        last_resort = threading.Timer(TIMEOUT_S, process.kill)
+        last_resort.start()
+        printed = ""
+        try:
+            print(json.dumps(code), file=process.stdin, flush=True)
+            for line in process.stdout:
+                if line == f"{DONE}\n":
+                    return None
+                printed += line
+        finally:
+            last_resort.cancel()
+        return printed
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process is not None:
+            self._process.communicate(timeout=TIMEOUT_S)
+
+    def _start(self) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [sys.executable, "-W", "error", str(Path(__file__).with_name("python_blocks.py"))],
+            cwd=self._folder,
+            env=self._environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+
+def run_commands(code: str, folder: Path, environment: dict[str, str]) -> str | None:
+    """Run a block of shell commands; return what it printed if it failed."""
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", code],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    return None if done.returncode == 0 else f"{done.stdout}\n{done.stderr}"
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_code_blocks(page: Path, clips: Path, touches: Path, session: Path, tmp_path: Path) -> None:
     (tmp_path / "my-session").symlink_to(session)
@@ -93,21 +159,17 @@ def test_code_blocks(page: Path, clips: Path, touches: Path, session: Path, tmp_
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     folder = Path(sys.executable).parent
     environment = {**os.environ, "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"}
-    for match in BLOCK.finditer(page.read_text()):
-        language, code = match["language"], match["code"]
-        assert language in RUN + SHOWN, f"a block in {language!r}: neither run nor plain text"
-        if match["skip"] or language in SHOWN:
-            continue
-        command = ["bash", "-euo", "pipefail", "-c", code]
-        if language == "python":
-            command = [sys.executable, "-W", "error", "-c", code]
-        done = subprocess.run(
-            command,
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=240,
-            check=False,
-        )
-        assert done.returncode == 0, f"{page.name}:\n{code}\n{done.stdout}\n{done.stderr}"
+    if page.name != "README.md":
+        # Starting worker processes takes longer than what they are given here; one page has them.
+        environment["PYTHON_CPU_COUNT"] = "1"
+    with PythonBlocks(tmp_path, environment) as python:
+        for match in BLOCK.finditer(page.read_text()):
+            language, code = match["language"], match["code"]
+            assert language in RUN + SHOWN, f"a block in {language!r}: neither run nor plain text"
+            if match["skip"] or language in SHOWN:
+                continue
+            if language == "python":
+                trouble = python.run(code)
+            else:
+                trouble = run_commands(code, tmp_path, environment)
+            assert trouble is None, f"{page.name}:\n{code}\n{trouble}"

@@ -73,8 +73,42 @@ def test_nothing_to_do(workers: int) -> None:
     assert list(map_items(square, [], workers=workers)) == []
 
 
-def test_the_default_is_all_cores() -> None:
+def test_the_default_is_all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PYTHON_CPU_COUNT", raising=False)
     assert 1 <= default_workers() <= (os.cpu_count() or 1)
+
+
+@pytest.mark.parametrize(("told", "workers"), [("3", 3), ("1", 1)])
+def test_the_default_can_be_told(monkeypatch: pytest.MonkeyPatch, told: str, workers: int) -> None:
+    monkeypatch.setenv("PYTHON_CPU_COUNT", told)
+    assert default_workers() == workers
+
+
+@pytest.mark.parametrize("told", ["default", "0", "-1", "many", ""])
+def test_what_is_no_number_of_workers_tells_nothing(
+    monkeypatch: pytest.MonkeyPatch, told: str
+) -> None:
+    monkeypatch.delenv("PYTHON_CPU_COUNT", raising=False)
+    cores = default_workers()
+    monkeypatch.setenv("PYTHON_CPU_COUNT", told)
+    assert default_workers() == cores
+
+
+WARMED = """
+import sys
+from multiprocessing.forkserver import _forkserver
+from exumi_data.engine import warm_up
+warm_up("json", workers=int(sys.argv[1]))
+print(_forkserver._forkserver_pid is not None)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="workers are forked on POSIX alone")
+@pytest.mark.parametrize(("workers", "warmed"), [(1, False), (2, True)])
+def test_nothing_is_warmed_up_where_no_workers_will_be(workers: int, warmed: bool) -> None:
+    command = [sys.executable, "-c", WARMED, str(workers)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert done.stdout == f"{warmed}\n"
 
 
 def test_exceptions_and_deaths_are_outcomes_and_the_others_complete(tmp_path: Path) -> None:

@@ -40,5 +40,11 @@ def test_the_five_packages_load_without_torch() -> None:
     assert "torch" not in loaded
 
 
+def test_converting_and_validating_begin_without_scipy() -> None:
+    """It takes as long as all the rest, and few episodes need it."""
+    loaded = loaded_by("exumi_converters.conversion", "exumi_validators.validation")
+    assert "scipy" not in loaded
+
+
 def test_the_probe_sees_a_heavy_import() -> None:
     assert "zarr" in loaded_by("zarr")

@@ -192,8 +192,9 @@ def _validate_dataset(
         few = len(dataset.episodes) < _PARALLEL_FROM
         if few and not ("data" in levels and _is_much(dataset.root, dataset.episodes)):
             workers = 1
-        elif workers != 1:
-            warm_up(__name__)  # workers are forked with everything loaded, also in later calls
+        else:
+            # Workers are forked with everything loaded, also in later calls.
+            warm_up(__name__, workers=workers)
         for episode, result in _episodes(dataset.episodes, judge, workers, on_progress):
             if isinstance(result, Unchecked):
                 unchecked.append(result)

@@ -6,7 +6,6 @@ T_camera_tcp. The numbers are of their rig; in an episode they are calibration i
 """
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from exumi_data.model import CalibrationItem
 
@@ -20,6 +19,8 @@ _SAID = "constants of exUMI's released code, for its own rig; not measured on th
 
 def rig_items() -> dict[str, CalibrationItem]:
     """Return the transforms by name, 4 by 4, metres."""
+    from scipy.spatial.transform import Rotation
+
     hand = np.eye(4)
     hand[:3, :3] = Rotation.from_euler("xyz", _ARHAND_DEG, degrees=True).as_matrix()
     hand[:3, 3] = _ARHAND_M
@@ -38,6 +39,8 @@ def rig_items() -> dict[str, CalibrationItem]:
 
 
 def _turned(axis: str, degrees: float) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
     return matrix
