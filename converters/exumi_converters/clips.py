@@ -13,6 +13,7 @@ from exumi_converters.clip_table import (
     unknown_columns,
 )
 from exumi_converters.converter import ConvertOptions, Discovery, EpisodeSource, SourceFile
+from exumi_converters.exumi_session.layout import holds_session
 from exumi_converters.format_options import FormatOptions
 from exumi_converters.frame_files import add_lossy
 from exumi_converters.identity import relative_name
@@ -59,7 +60,7 @@ class ClipsConverter:
 
     def recognise(self, source: Path) -> str | None:
         """Recognise a folder by its videos, unless it says that they are part of something."""
-        if not source.is_dir() or is_dataset(source):
+        if not source.is_dir() or is_dataset(source) or holds_session(source):
             return None
         found = next((path for path in source_files(source) if probe_video(path.name)), None)
         return None if found is None else f"a folder of videos, such as {found.name}"

@@ -16,7 +16,7 @@ from pathlib import Path
 from exumi_converters.converter import EpisodeSource
 from exumi_converters.octopi_items import ItemMaker
 from exumi_converters.octopi_samples import FRAME_SUFFIXES
-from exumi_converters.source_folder import count_names, source_files
+from exumi_converters.source_folder import count_names, may_be_read, source_files
 from exumi_data.errors import SourceError, UsageError
 from exumi_data.store.video import probe_video
 
@@ -70,7 +70,7 @@ def detect_layout(root: Path) -> Layout:
     entries = sorted(path for path in root.iterdir() if not path.name.startswith("."))
     folders = [path for path in entries if path.is_dir()]
     # A link that leads nowhere is a clip that cannot be read, and fails by its name.
-    videos = [path for path in entries if not path.is_dir() and probe_video(path.name)]
+    videos = [path for path in entries if probe_video(path.name) and may_be_read(path)]
     datasets = [path for path in folders if path.name in _DATASETS]
     base = root / "samples" if (root / "samples").is_dir() else root
     samples = sorted(path.parent for path in base.glob("*/data.json"))

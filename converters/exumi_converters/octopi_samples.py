@@ -5,6 +5,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from exumi_converters.frame_files import FrameFile
+from exumi_converters.source_folder import may_be_read
 from exumi_data.errors import SourceError
 
 __all__ = ["FRAME_SUFFIXES", "frame_paths", "read_frames"]
@@ -20,7 +21,11 @@ def frame_paths(folder: Path) -> list[Path]:
     SourceError
         There is none, a name is no number, a number comes twice, or JPEG and PNG are mixed.
     """
-    paths = [path for path in folder.iterdir() if path.suffix.lower() in FRAME_SUFFIXES]
+    paths = [
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in FRAME_SUFFIXES and may_be_read(path)
+    ]
     if not paths:
         raise SourceError("the folder holds no frames", where=folder)
     unnumbered = sorted(path.name for path in paths if not path.stem.isdecimal())

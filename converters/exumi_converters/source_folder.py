@@ -1,6 +1,7 @@
 """Walking a source: every file is either converted or named."""
 
 import os
+import stat
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -8,7 +9,7 @@ from exumi_converters.identity import relative_name
 from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.errors import SourceError
 
-__all__ = ["count_names", "source_files"]
+__all__ = ["count_names", "may_be_read", "source_files"]
 
 _NAMED = 5
 
@@ -16,8 +17,8 @@ _NAMED = 5
 def source_files(root: Path) -> Iterator[Path]:
     """Yield all files below a folder, in a stable order.
 
-    Hidden files and folders are passed over, and so are exUMI datasets: the destination may lie
-    inside the source.
+    Hidden files and folders are passed over, and so are exUMI datasets (the destination may lie
+    inside the source), pipes, sockets and devices: reading these may never end.
 
     Raises
     ------
@@ -43,8 +44,17 @@ def source_files(root: Path) -> Iterator[Path]:
         seen.add((info.st_dev, info.st_ino))
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in sorted(files):
-            if not name.startswith("."):
-                yield Path(folder, name)
+            path = Path(folder, name)
+            if not name.startswith(".") and may_be_read(path):
+                yield path
+
+
+def may_be_read(path: Path) -> bool:
+    """Whether a file is an ordinary one, or a link to nothing: that fails by its name."""
+    try:
+        return stat.S_ISREG(path.stat().st_mode)
+    except OSError:
+        return True
 
 
 def count_names(what: str, root: Path, paths: Sequence[Path]) -> str:

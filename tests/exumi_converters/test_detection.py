@@ -31,6 +31,22 @@ def test_videos_of_any_name_are_clips(tmp_path: Path) -> None:
     assert detect_format(tmp_path, converters())[0] == "clips"
 
 
+def test_a_session_of_exumi_is_no_folder_of_clips(tmp_path: Path) -> None:
+    hub = tmp_path / "task" / "batch_1" / "tactile_20250322_214647"
+    hub.mkdir(parents=True)
+    (hub / "left_0.mp4").write_bytes(b"")
+    (hub.parent / "raw_videos").mkdir()
+    (hub.parent / "raw_videos" / "GX010001.MP4").write_bytes(b"")
+    for source in (hub.parent, tmp_path / "task"):
+        name, reason = detect_format(source, converters())
+        assert (name, "tactile_20250322_214647" in reason or "batch_1" in reason) == (
+            "exumi-session",
+            True,
+        )
+    # Its videos alone are clips like any others.
+    assert detect_format(hub.parent / "raw_videos", converters())[0] == "clips"
+
+
 def test_nothing_known_is_refused_with_what_is_known(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("hello")
     with pytest.raises(SourceError, match=r"no format is recognised.*clips \(any folder of"):

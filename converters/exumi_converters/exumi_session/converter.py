@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from exumi_converters.converter import ConvertOptions, Discovery, EpisodeSource, SourceFile
 from exumi_converters.exumi_session.camera_stream import CAMERA_STREAM, add_clip
+from exumi_converters.exumi_session.decoded import estimated_bytes
 from exumi_converters.exumi_session.finger_stream import FingerFiles, add_finger
 from exumi_converters.exumi_session.gripper import gripper_calibration, widths_of
 from exumi_converters.exumi_session.hub import Hub, PoseSession, join_readings, read_hub
@@ -18,7 +19,7 @@ from exumi_converters.exumi_session.layout import (
     Chunk,
     SessionFiles,
     find_sessions,
-    looks_like_session,
+    holds_session,
 )
 from exumi_converters.exumi_session.options import SessionOptions
 from exumi_converters.exumi_session.plan import ClipPlan, EpisodePlan, Latency, as_timestamp
@@ -93,23 +94,7 @@ class ExumiSessionConverter:
 
     def recognise(self, source: Path) -> str | None:
         """Recognise a session by the hub's folder, or a folder of sessions."""
-        if not source.is_dir():
-            return None
-        reason = looks_like_session(source)
-        if reason is not None:
-            return f"a session: {reason}"
-        try:
-            inner = sorted(path for path in source.iterdir() if path.is_dir())[:1000]
-        except OSError:
-            return None
-        return next(
-            (
-                f"a folder of sessions, such as {path.name}"
-                for path in inner
-                if looks_like_session(path)
-            ),
-            None,
-        )
+        return holds_session(source)
 
     def discover(self, source: Path, options: ConvertOptions) -> Discovery:
         """Find the demonstrations, and out when everything was; see the class."""
@@ -413,6 +398,9 @@ class _Maker:
             },
             quality=tuple(self._quality(match, clip, start + margin, stop - margin)),
             derived=None if self.told.decode else (),
+            estimated_bytes=estimated_bytes(path for _, _, path in chosen if path.suffix != ".json")
+            if self.told.decode
+            else None,
         )
 
     def _files(self, clip: Clip, start: int, stop: int) -> Iterator[tuple[str, int, Path]]:

@@ -104,17 +104,20 @@ def add_finger(
     name = f"tactile_{side}"
     pieces, lost = _pieces(writer, name, chunks)
     if not pieces:
-        writer.metadata.quality.append(
-            QualityNote(
-                code="no-frames",
-                message=f"there is no frame of the {side} finger in this demonstration",
-            )
-        )
-        return 0
-    _note_steps(writer, name, pieces[0].frames)
+        return _without_frames(writer, side)
     if plan.decode:
         return _add_decoded(writer, plan, side, pieces, lost)
     return _add_videos(writer, plan, side, pieces, lost)
+
+
+def _without_frames(writer: EpisodeWriter, side: str) -> int:
+    """Say that there is no stream of a finger; what was noted of it is of the episode then."""
+    notes = writer.metadata.quality
+    for at, note in enumerate(notes):
+        if note.stream == f"tactile_{side}":
+            notes[at] = note.model_copy(update={"stream": None})
+    _note(writer, "no-frames", f"there is no frame of the {side} finger in this demonstration")
+    return 0
 
 
 def _pieces(
@@ -225,6 +228,7 @@ def _add_videos(
 ) -> int:
     like = pieces[0].frames
     host = np.concatenate([piece.stamps for piece in pieces])
+    _note_steps(writer, f"tactile_{side}", like)
     times, repeated = _times(writer, plan, side, host, lost)
     stream = writer.add_stream(
         f"tactile_{side}",
@@ -350,14 +354,12 @@ def _add_decoded(
     late = plan.fingers[side].latency_ns
     inside = (host - late >= plan.start_ns) & (host - late < plan.stop_ns)
     inside &= np.concatenate([[True], np.diff(host) != 0])
-    times, repeated = _times(writer, plan, side, host, lost)
     name = f"tactile_{side}"
-    if not inside.any():
-        _note(writer, "no-frames", f"there is no frame of the {side} finger in this demonstration")
-        return 0
-    quiet = _quiet(pieces, inside)
+    quiet = _quiet(pieces, inside) if inside.any() else None
     if quiet is None:
-        raise SourceError("no frame can be decoded", where=pieces[0].files.video)
+        return _without_frames(writer, side)
+    _note_steps(writer, name, like)
+    times, repeated = _times(writer, plan, side, host, lost)
     stream = writer.add_stream(
         name, kind="tactile", images=as_jpeg(like), **_fields(plan, side, times, like)
     )

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from exumi_data.calibration_items import CalibrationRefusedError
-from exumi_data.errors import SourceError, UsageError
+from exumi_data.errors import ExumiError, UsageError
 from exumi_data.gripper_readings import fit_gripper, gripper_item, read_gripper_file
 from exumi_data.model import CalibrationItem
 from exumi_data.width_map import WidthMap, read_width_map
@@ -38,7 +37,7 @@ def gripper_calibration(
     if named is not None:
         try:
             return gripper_item(fit_gripper(read_gripper_file(named))), []
-        except (SourceError, CalibrationRefusedError) as error:
+        except ExumiError as error:
             raise UsageError(
                 f"no calibration of a gripper: {error.what}", where=named, fix=error.fix
             ) from None
@@ -46,7 +45,7 @@ def gripper_calibration(
     for path in lying:
         try:
             return gripper_item(fit_gripper(read_gripper_file(path))), said
-        except (SourceError, CalibrationRefusedError) as error:
+        except ExumiError as error:
             said.append(f"{path.name} is not used: {error.what}")
     return None, said
 

@@ -8,12 +8,13 @@ from pathlib import Path
 
 from exumi_converters.source_folder import source_files
 
-__all__ = ["SIDES", "Chunk", "SessionFiles", "find_sessions", "looks_like_session"]
+__all__ = ["SIDES", "Chunk", "SessionFiles", "find_sessions", "holds_session", "looks_like_session"]
 
 SIDES = ("left", "right")
 
 _HUB = re.compile(r"tactile_\d{8}_\d{6}")
 _CHUNK = re.compile(r"(left|right|angle)_(\d{1,9})\.(mp4|json)")
+_ASKED = 1000  # folders among which one of sessions is recognised
 _VIDEO = (".mp4", ".mov")
 _RAW, _DEMOS, _LATENCY = "raw_videos", "demos", "latency_calibration"
 _DEMO = re.compile(r"demo_(?P<serial>.+)_\d{4}\.\d\d\.\d\d_.*")
@@ -78,7 +79,7 @@ class SessionFiles:
 
     def camera_of(self, clip: Path) -> str | None:
         """Return the camera's serial number, where exUMI's pipeline named the folder by it."""
-        match = _DEMO.fullmatch(clip.resolve().parent.name)
+        match = _DEMO.fullmatch(Path(os.path.realpath(clip)).parent.name)
         return None if match is None else match["serial"]
 
 
@@ -94,6 +95,25 @@ def looks_like_session(folder: Path) -> str | None:
         return None
     videos = [name for name in (_RAW, _DEMOS, _LATENCY) if name in names]
     return f"{hubs[0]}/" + (f" beside {videos[0]}/" if videos else "")
+
+
+def holds_session(source: Path) -> str | None:
+    """Say by what a folder is recognised as a session, or as one of sessions; None if it is none.
+
+    Parameters
+    ----------
+    source : pathlib.Path
+    """
+    reason = looks_like_session(source)
+    if reason is not None:
+        return f"a session: {reason}"
+    try:
+        with os.scandir(source) as entries:
+            names = sorted(entry.name for entry in entries if entry.is_dir())
+    except OSError:
+        return None
+    found = next((name for name in names[:_ASKED] if looks_like_session(source / name)), None)
+    return None if found is None else f"a folder of sessions, such as {found}"
 
 
 def find_sessions(source: Path) -> list[SessionFiles]:

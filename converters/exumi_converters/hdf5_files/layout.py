@@ -1,35 +1,48 @@
 """Which layout a file has, and the episodes in it. Reads names, shapes and attributes only."""
 
-import json
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from exumi_data.errors import LimitError, SourceError
+from exumi_converters.hdf5_files.contents import (
+    Contents,
+    blocks,
+    child,
+    count_numbers,
+    damage_named,
+    opened,
+    read_whole,
+    walk,
+)
+from exumi_converters.names import task_name
+from exumi_data.errors import ExumiError, SourceError
+from exumi_data.model.documents import load_json
 
 if TYPE_CHECKING:
     import h5py
 
 __all__ = [
+    "OBSERVATIONS",
     "Demonstration",
+    "Found",
     "Hdf5Members",
     "demonstrations",
+    "group_of",
+    "is_image",
     "layout_of",
-    "opened",
-    "plain_datasets",
 ]
 
 Layout = Literal["robomimic", "freetacman"]
+OBSERVATIONS = {"robomimic": "obs/", "freetacman": "observations/"}
+"""Where the observations of an episode are."""
 
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _DEMO = re.compile(r"demo_(\d{1,9})")
-_BLOCK_BYTES = 16 * 1024**2
-_CHUNK_BYTES = 256 * 1024**2
+_COLOURS = (1, 3)
+_LONGEST_NAME = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +55,11 @@ class Demonstration:
     group : str
         Where it is in the file; empty for the whole file.
     number : int
-    length : int
-        Samples.
     layout : {"robomimic", "freetacman"}
+    images : tuple of str
+        Keys of its images.
+    stored_bytes : int
+        How much of the file it takes.
     rate : str or None
         As the file states it, a rational number.
     task : str or None
@@ -55,11 +70,31 @@ class Demonstration:
     path: Path
     group: str
     number: int
-    length: int
     layout: Layout
+    images: tuple[str, ...]
+    stored_bytes: int
     rate: str | None = None
     task: str | None = None
     split: str | None = None
+
+
+@dataclass(slots=True)
+class Found:
+    """What a file holds.
+
+    Attributes
+    ----------
+    layout : {"robomimic", "freetacman"}
+    episodes : list of Demonstration
+    failed : list of (str, str)
+        What cannot be one: its name in the file, and why.
+    notices : list of str
+    """
+
+    layout: Layout
+    episodes: list[Demonstration] = field(default_factory=list)
+    failed: list[tuple[str, str]] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,99 +107,62 @@ class Hdf5Members:
     def __iter__(self) -> Iterator[tuple[str, bytes]]:
         """Yield name and bytes of each block of each dataset."""
         with opened(self.path) as file:
-            root = file[self.group] if self.group else file
-            for name, data in plain_datasets(root).items():
+            for name, data in walk(group_of(file, self.group)).numbers.items():
                 yield f"{name} {data.dtype.str} {data.shape}", b""
                 for start, block in blocks(data):
                     yield f"{name}[{start}]", block.tobytes()
 
 
-@contextmanager
-def opened(path: Path) -> Iterator["h5py.File"]:
-    """Open a file for reading; what the library says of a damaged one becomes a `SourceError`."""
-    import h5py
-
-    try:
-        with path.open("rb") as raw:
-            is_hdf5 = raw.read(len(_SIGNATURE)) == _SIGNATURE
-    except OSError as error:
-        raise SourceError(f"cannot be read ({error.strerror})", where=path) from None
-    if not is_hdf5:
-        raise SourceError("is no HDF5 file: it begins otherwise", where=path)
-    try:
-        with h5py.File(path, "r", locking=False) as file:
-            yield file
-    except (OSError, RuntimeError, KeyError) as error:
-        raise SourceError(
-            f"is damaged or cut short ({error})",
-            where=path,
-            fix="Get it again from its source.",
-        ) from None
-
-
-def plain_datasets(group: "h5py.Group", *, below: str = "") -> dict[str, "h5py.Dataset"]:
-    """Return the datasets of numbers in a group and its groups, by path, in a stable order.
-
-    Links that lead out of the file are not followed, and data that is kept elsewhere is not read.
-
-    Parameters
-    ----------
-    group : h5py.Group
-    below : str
-        Put before the names.
-    """
-    import h5py
-
-    found: dict[str, h5py.Dataset] = {}
-    for name in sorted(group):
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            continue
-        item = group.get(name)
-        if isinstance(item, h5py.Group):
-            found |= plain_datasets(item, below=f"{below}{name}/")
-        elif isinstance(item, h5py.Dataset) and _is_plain(item):
-            found[f"{below}{name}"] = item
-    return found
-
-
-def _is_plain(data: "h5py.Dataset") -> bool:
-    # Strings, objects and references are no numbers; external files are not this file.
-    return bool(data.dtype.kind in "iufb" and data.ndim >= 1 and not data.external)
-
-
-def blocks(data: "h5py.Dataset") -> Iterator[tuple[int, np.ndarray]]:
-    """Yield first index and values of some rows at a time: memory is flat.
+def group_of(file: "h5py.File", path: str) -> "h5py.Group":
+    """Return the group of an episode.
 
     Raises
     ------
-    LimitError
-        A chunk of the file would take more than 256 MiB.
+    SourceError
+        It is not there any more.
     """
-    row = int(np.prod(data.shape[1:], dtype=np.int64)) * data.dtype.itemsize
-    chunk = int(np.prod(data.chunks, dtype=np.int64)) * data.dtype.itemsize if data.chunks else 0
-    if max(row, chunk) > _CHUNK_BYTES:
-        raise LimitError(
-            f"{data.name} is stored in pieces of {max(row, chunk) >> 20} MiB",
-            where=data.file.filename,
+    import h5py
+
+    at: object = file
+    for name in filter(None, path.split("/")):
+        at = child(at, name)
+    if not isinstance(at, h5py.Group):
+        raise SourceError(
+            f"{path} is no group of this file (links are not followed)", where=file.filename
         )
-    rows = max(1, _BLOCK_BYTES // max(1, row))
-    for start in range(0, data.shape[0], rows):
-        yield start, data[start : start + rows]
+    return at
+
+
+def is_image(data: "h5py.Dataset") -> bool:
+    """Whether a dataset holds images: (N, H, W, 1 or 3) uint8."""
+    return bool(
+        data.dtype == np.uint8
+        and len(data.shape) == 4
+        and data.shape[3] in _COLOURS
+        and count_numbers(data)
+    )
 
 
 def layout_of(path: Path) -> Layout | None:
     """Recognise the layout of a file; None if it has none of the two."""
     with opened(path) as file:
-        data = file.get("data")
-        if data is not None and hasattr(data, "keys") and any(map(_DEMO.fullmatch, data)):
+        return _layout(file)
+
+
+def _layout(file: "h5py.File") -> Layout | None:
+    import h5py
+
+    data = child(file, "data")
+    images = child(child(file, "observations"), "images")
+    with damage_named(Path(file.filename)):
+        if isinstance(data, h5py.Group) and any(map(_DEMO.fullmatch, data)):
             return "robomimic"
-        images = file.get("observations/images")
-        if images is not None and hasattr(images, "keys") and len(images) > 0:
+        if isinstance(images, h5py.Group) and len(images) > 0:
             return "freetacman"
     return None
 
 
-def demonstrations(path: Path) -> list[Demonstration]:
+def demonstrations(path: Path) -> Found:
     """List the episodes of a file.
 
     Raises
@@ -172,56 +170,86 @@ def demonstrations(path: Path) -> list[Demonstration]:
     SourceError
         It is damaged, or has none of the layouts.
     """
-    layout = layout_of(path)
-    if layout is None:
-        raise SourceError(
-            "has neither robomimic's data/demo_<n> nor FreeTacMan's observations/images",
-            where=path,
-        )
     with opened(path) as file:
-        if layout == "robomimic":
-            return _of_robomimic(path, file)
-        length = max((d.shape[0] for d in plain_datasets(file["observations"]).values()), default=0)
-        return [Demonstration(path, "", 0, length, layout)]
-
-
-def _of_robomimic(path: Path, file: "h5py.File") -> list[Demonstration]:
-    about = _environment(file["data"])
-    splits = _masks(file)
-    found = []
-    for name in file["data"]:
-        number = _DEMO.fullmatch(name)
-        if number is None:
-            continue
-        group = file["data"][name]
-        samples = plain_datasets(group.get("obs", group))
-        length = max((data.shape[0] for data in samples.values()), default=0)
-        found.append(
-            Demonstration(
-                path,
-                f"data/{name}",
-                int(number[1]),
-                length,
-                "robomimic",
-                rate=about.get("rate"),
-                task=about.get("task"),
-                split=splits.get(name),
+        layout = _layout(file)
+        if layout is None:
+            raise SourceError(
+                "has neither robomimic's data/demo_<n> nor FreeTacMan's observations/images",
+                where=path,
             )
-        )
-    return sorted(found, key=lambda demo: demo.number)
+        found = Found(layout)
+        if layout == "robomimic":
+            _add_robomimic(path, file, found)
+        else:
+            found.episodes.append(_demonstration(path, "", 0, layout, walk(file)))
+    return found
 
 
-def _environment(data: "h5py.Group") -> dict[str, str]:
+def _demonstration(
+    path: Path, group: str, number: int, layout: Layout, contents: Contents, **about: str | None
+) -> Demonstration:
+    prefix = OBSERVATIONS[layout]
+    images = [
+        key.removeprefix(prefix)
+        for key, data in contents.numbers.items()
+        if key.startswith(prefix) and is_image(data)
+    ]
+    with damage_named(path):
+        size = sum(int(data.id.get_storage_size()) for data in contents.numbers.values())
+    return Demonstration(path, group, number, layout, tuple(images), size, **about)
+
+
+def _add_robomimic(path: Path, file: "h5py.File", found: Found) -> None:
+    data = child(file, "data")
+    with damage_named(path):
+        about = _environment(data)
+        names = [name for name in data if _DEMO.fullmatch(name)]  # type: ignore[union-attr]  # a group: its layout was recognised
+    splits = _masks(file, found)
+    known: set[int] = set()
+    for name in sorted(names, key=lambda name: (int(name.removeprefix("demo_")), name)):
+        number = int(name.removeprefix("demo_"))
+        try:
+            if number in known:
+                raise SourceError(f"there are two demonstrations {number}", where=path)
+            known.add(number)
+            contents = walk(group_of(file, f"data/{name}"))
+            if not any(key.startswith("obs/") for key in contents.numbers):
+                raise SourceError(
+                    "the demonstration holds no observations",
+                    where=path,
+                    fix="robomimic's dataset_states_to_obs.py makes them from the states.",
+                )
+            found.episodes.append(
+                _demonstration(
+                    path,
+                    f"data/{name}",
+                    number,
+                    "robomimic",
+                    contents,
+                    rate=about.get("rate"),
+                    task=about.get("task"),
+                    split=splits.get(name),
+                )
+            )
+        except ExumiError as error:
+            found.failed.append((f"data/{name}", str(error)))
+
+
+def _environment(data: Any) -> dict[str, str]:
     """Return task and control rate, as ``env_args`` says them."""
-    try:
-        document = json.loads(data.attrs["env_args"])
-    except (KeyError, ValueError, TypeError):
+    said = data.attrs.get("env_args")
+    if not isinstance(said, str | bytes):
         return {}
-    if not isinstance(document, dict):
+    raw = said.encode("utf-8", "replace") if isinstance(said, str) else said
+    try:
+        document = load_json(raw, "env_args")
+    except ExumiError:
         return {}
     found: dict[str, str] = {}
-    if isinstance(document.get("env_name"), str):
-        found["task"] = document["env_name"]
+    named = document.get("env_name")
+    task = task_name(named) if isinstance(named, str) else None
+    if task is not None:
+        found["task"] = task
     arguments = document.get("env_kwargs")
     rate: Any = arguments.get("control_freq") if isinstance(arguments, dict) else None
     if isinstance(rate, bool):
@@ -231,12 +259,29 @@ def _environment(data: "h5py.Group") -> dict[str, str]:
     return found
 
 
-def _masks(file: "h5py.File") -> dict[str, str]:
+def _masks(file: "h5py.File", found: Found) -> dict[str, str]:
     """Return demonstration to the list it is in: train or valid."""
-    masks = file.get("mask")
-    found: dict[str, str] = {}
+    import h5py
+
+    masks = child(file, "mask")
+    lists: dict[str, str] = {}
     for word, name in (("train", "train"), ("valid", "val")):
-        if masks is not None and word in masks:
-            for entry in masks[word][:]:
-                found[entry.decode() if isinstance(entry, bytes) else str(entry)] = name
-    return found
+        entries = child(masks, word)
+        if entries is None:
+            continue
+        # Only what robomimic writes: a list of short words. Objects are never built.
+        if (
+            not isinstance(entries, h5py.Dataset)
+            or len(entries.shape or ()) != 1
+            or entries.dtype.kind != "S"
+            or not entries.dtype.itemsize <= _LONGEST_NAME
+        ):
+            found.notices.append(f"mask/{word} is no list of names, not read")
+            continue
+        try:
+            names = read_whole(entries).tolist()
+        except ExumiError as error:
+            found.notices.append(f"mask/{word} is not read: {error.what}")
+            continue
+        lists |= {entry.decode("utf-8", "replace"): name for entry in names}
+    return lists

@@ -1,6 +1,6 @@
 """``--from hdf5``: demonstrations of robomimic and FreeTacMan become episodes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal
@@ -17,20 +17,23 @@ from exumi_converters.converter import (
 )
 from exumi_converters.format_options import FormatOptions, parse_options
 from exumi_converters.frame_files import add_lossy
+from exumi_converters.hdf5_files.contents import blocks, opened, read_whole, walk
 from exumi_converters.hdf5_files.layout import (
+    OBSERVATIONS,
     Demonstration,
+    Found,
     Hdf5Members,
-    blocks,
     demonstrations,
+    group_of,
+    is_image,
     layout_of,
-    opened,
-    plain_datasets,
 )
 from exumi_converters.identity import relative_name
+from exumi_converters.names import free_stream_name
 from exumi_converters.report import Failure
 from exumi_converters.source_folder import source_files
 from exumi_converters.tactile_analysis import TactileAnalysis
-from exumi_data.errors import ExumiError, SourceError
+from exumi_data.errors import ExumiError, SourceError, UsageError
 from exumi_data.geometry import make_sign_continuous
 from exumi_data.model import (
     ArrayImages,
@@ -48,9 +51,11 @@ __all__ = ["Hdf5Converter", "Hdf5Options"]
 
 _SUFFIXES = (".hdf5", ".h5")
 _RATES = {"robomimic": "20/1", "freetacman": "30/1"}
-_PIXELS = 3
-_AXES = 4
+_COLOURS = 3
 _TOUCH = ("tactile", "gelsight", "digit", "tac")
+_ASKED = 10  # files by which a folder is recognised
+_PICTURES = "observations/images/"
+_UNIT_WITHIN = 0.05  # what interpolating by component leaves of a length of 1
 _SHORT_NORM = 0.9  # of a quaternion: what mixing two by component leaves of their length
 
 
@@ -92,12 +97,15 @@ class Hdf5Converter:
         """Recognise a file by the groups in it."""
         try:
             paths = [source] if source.is_file() else _files(source)
-            for path in paths[:1]:
-                layout = layout_of(path)
-                if layout is not None:
-                    return f"{path.name} is laid out as {layout} does it"
         except (ExumiError, OSError):
             return None
+        for path in paths[:_ASKED]:
+            try:
+                layout = layout_of(path)
+            except (ExumiError, OSError):
+                continue  # one file that is cut short does not hide the others
+            if layout is not None:
+                return f"{path.name} is laid out as {layout} does it"
         return None
 
     def discover(self, source: Path, options: ConvertOptions) -> Discovery:
@@ -107,19 +115,26 @@ class Hdf5Converter:
         paths = [source] if source.is_file() else _files(source)
         if not paths:
             raise SourceError("there is no .hdf5 or .h5 file", where=source)
-        items, failed, layouts = [], [], set()
+        found: dict[str, Found] = {}
+        failed: list[Failure] = []
         for path in paths:
             name = relative_name(path, root)
             try:
-                for demo in demonstrations(path):
-                    items.append(_item(demo, name, options, told))
-                    layouts.add(demo.layout)
+                found[name] = demonstrations(path)
             except (ExumiError, OSError) as error:
                 failed.append(Failure(name, str(error)))
+        _check_tactile(found, told, source)
+        items = [
+            _item(demo, name, options, told) for name, one in found.items() for demo in one.episodes
+        ]
+        layouts = sorted({one.layout for one in found.values()})
         splits = (NamedSplit("robomimic", "episode", "mask/train and mask/valid of the file"),)
+        for name, one in found.items():
+            failed += [Failure(f"{name}/{inside}", reason) for inside, reason in one.failed]
         return Discovery(
-            layout=f"{len(paths)} file(s) of {' and '.join(sorted(layouts)) or 'no known layout'}",
+            layout=f"{len(paths)} file(s) of {' and '.join(layouts) or 'no known layout'}",
             items=tuple(items),
+            notices=tuple(f"{name}: {text}" for name, one in found.items() for text in one.notices),
             failed=tuple(failed),
             splits=splits if any(item.splits for item in items) else (),
         )
@@ -127,12 +142,33 @@ class Hdf5Converter:
     def convert(self, item: EpisodeSource, writer: EpisodeWriter) -> int:
         """Write the streams of one demonstration."""
         with opened(item.files[0].path) as file:
-            group = file[item.settings["group"]] if item.settings["group"] else file
+            group = group_of(file, item.settings["group"])
             return _Conversion(item, writer, group).write()
 
 
 def _files(source: Path) -> list[Path]:
     return [path for path in source_files(source) if path.suffix.lower() in _SUFFIXES]
+
+
+def _listed(told: Hdf5Options) -> list[str]:
+    return sorted(filter(None, (key.strip() for key in told.tactile.split(","))))
+
+
+def _check_tactile(found: Mapping[str, Found], told: Hdf5Options, source: Path) -> None:
+    """Refuse a key of tactile images that no episode has."""
+    there = {key for one in found.values() for demo in one.episodes for key in demo.images}
+    for key in _listed(told):
+        if there and not any(_is_called(one, key) for one in there):
+            raise UsageError(
+                f"no images are called {key!r} (-o tactile)",
+                where=source,
+                fix=f"There are: {', '.join(sorted(there))}.",
+            )
+
+
+def _is_called(key: str, wanted: str) -> bool:
+    """Whether a key is what the user wrote: with or without the groups that it is in."""
+    return wanted in (key, key.rpartition("/")[2])
 
 
 def _item(
@@ -156,10 +192,11 @@ def _item(
             "rate_is_assumed": options.rate is None and demo.rate is None,
             "channels": colours,
             "quaternion": told.quaternion,
-            "tactile": sorted(filter(None, (key.strip() for key in told.tactile.split(",")))),
+            "tactile": _listed(told),
             "sensor": options.sensor,
         },
         splits={} if demo.split is None else {"robomimic": demo.split},
+        estimated_bytes=demo.stored_bytes,
     )
 
 
@@ -170,29 +207,37 @@ class _Conversion:
         self._settings = item.settings
         self._writer = writer
         self._where = item.files[0].path
-        observations = "obs" if item.settings["layout"] == "robomimic" else "observations"
-        self._observed = plain_datasets(group[observations]) if observations in group else {}
-        self._all = set(plain_datasets(group))
-        self._prefix = f"{observations}/"
+        contents = walk(group)
+        self._prefix = OBSERVATIONS[item.settings["layout"]]
+        self._observed = {
+            key.removeprefix(self._prefix): data
+            for key, data in contents.numbers.items()
+            if key.startswith(self._prefix) and data.shape[0]
+        }
+        self._all = {*contents.numbers, *contents.others}
         self._rate: Fraction = parse_rate(item.settings["rate"])
         self._used: set[str] = set()
+        self._names: set[str] = set()
 
     def write(self) -> int:
         """Write all streams; return the number of samples."""
-        lengths = {key: int(data.shape[0]) for key, data in self._observed.items()}
-        count = min(lengths.values(), default=0)
-        if count == 0:
+        if not self._observed:
             raise SourceError("the demonstration holds no sample", where=self._where)
-        self._note_lengths(lengths)
-        total = 0
+        self._note_lengths({key: int(data.shape[0]) for key, data in self._observed.items()})
+        # Poses and widths first: their names are not for images.
+        total = self._add_poses() + self._add_widths()
         for key, data in self._observed.items():
-            if _is_image(data):
+            if is_image(data):
                 total += self._add_images(key, data)
-        total += self._add_poses() + self._add_widths()
         if total == 0:
             raise SourceError("no image, pose or width was found", where=self._where)
         self._note_source()
         return total
+
+    def _name(self, wanted: str) -> str:
+        name = free_stream_name(wanted, self._names)
+        self._names.add(name)
+        return name
 
     def _times(self, count: int) -> np.ndarray:
         return nominal_times(count, self._rate)
@@ -206,15 +251,16 @@ class _Conversion:
     def _add_images(self, key: str, data: Any) -> int:
         """Store the frames as they are."""
         self._used.add(key)
-        touch = key in self._settings["tactile"] or (
-            not self._settings["tactile"] and any(word in key.lower() for word in _TOUCH)
+        named = self._settings["tactile"]
+        touch = any(_is_called(key, one) for one in named) or (
+            not named and any(word in key.lower() for word in _TOUCH)
         )
         count, height, width, channels = data.shape
         extra: dict[str, Any] = {}
         if touch and self._settings["sensor"]:
             extra["sensor"] = {"model": self._settings["sensor"]}
         stream = self._writer.add_stream(
-            _name_of(key),
+            self._name(key.rpartition("/")[2]),
             kind="tactile" if touch else "rgb",
             images=ArrayImages(encoding="array", height=height, width=width, channels=channels),
             **self._clock(),
@@ -231,18 +277,18 @@ class _Conversion:
         return int(count)
 
     def _frames(self, data: Any) -> Iterator[tuple[int, np.ndarray]]:
-        flip = self._settings["channels"] == "bgr" and data.shape[3] == _PIXELS
+        flip = self._settings["channels"] == "bgr" and data.shape[3] == _COLOURS
         for start, block in blocks(data):
             yield start, np.ascontiguousarray(block[..., ::-1]) if flip else block
 
     def _add_poses(self) -> int:
-        total = 0
         if self._settings["layout"] == "freetacman":
-            data = self._observed.get("end_pose")
-            if data is not None and data.shape[1:] == (7,):
-                self._used.add("end_pose")
-                total += self._add_pose("pose", data[:], "end_pose")
-            return total
+            key = next((key for key in ("end_pose", "qpos") if self._holds_poses(key)), None)
+            if key is None:
+                return 0
+            self._used.add(key)
+            return self._add_pose("pose", read_whole(self._observed[key]), key)
+        total = 0
         for key, positions in self._observed.items():
             if not key.endswith("_eef_pos") or positions.shape[1:] != (3,):
                 continue
@@ -252,12 +298,27 @@ class _Conversion:
                 continue
             self._used |= {key, partner}
             robot = key.removesuffix("_eef_pos")
-            name = "pose" if robot == "robot0" else f"pose_{_name_of(robot)}"
-            total += self._add_pose(name, np.hstack([positions[:], turns[:]]), key)
+            name = "pose" if robot == "robot0" else f"pose_{robot}"
+            poses = np.hstack([read_whole(positions), read_whole(turns)])
+            total += self._add_pose(name, poses, key)
         return total
 
+    def _holds_poses(self, key: str) -> bool:
+        """Whether FreeTacMan's program wrote poses under a key.
+
+        With ``qpos_mode`` set to poses, `qpos` holds them, and its last number is no opening but
+        the real part of a quaternion: then four of its numbers are of length 1 throughout.
+        """
+        data = self._observed.get(key)
+        if data is None or data.shape[1:] != (7,):
+            return False
+        if key == "end_pose":
+            return True
+        norms = np.linalg.norm(read_whole(data)[:, 3:], axis=1)
+        return bool((np.abs(norms - 1.0) < _UNIT_WITHIN).all())
+
     def _add_pose(self, name: str, poses: np.ndarray, key: str) -> int:
-        poses = poses.astype(np.float64)
+        name, poses = self._name(name), poses.astype(np.float64)
         if self._settings["quaternion"] == "wxyz":
             poses = poses[:, [0, 1, 2, 4, 5, 6, 3]]
         norms = np.linalg.norm(poses[:, 3:], axis=1)
@@ -277,7 +338,10 @@ class _Conversion:
             )
         poses[:, 3:] = make_sign_continuous(poses[:, 3:] / norms[:, None])
         stream = self._writer.add_stream(
-            name, kind="pose", frames=Frames(parent="world", child="tcp"), **self._clock()
+            name,
+            kind="pose",
+            frames=Frames(parent="world", child="tcp"),
+            **self._clock(),
         )
         stream.append(self._times(len(poses)), poses)
         return len(poses)
@@ -286,24 +350,24 @@ class _Conversion:
         """Take the opening from where the layout has it."""
         if self._settings["layout"] == "freetacman":
             data = self._observed.get("qpos")
-            if data is None or data.ndim != 2 or data.shape[1] < 7:  # 6 joints and it
+            # 6 joint angles and it: other numbers are of other robots.
+            if data is None or data.shape[1:] != (7,) or "qpos" in self._used:
                 return 0
-            # Its other columns are joint angles.
-            return self._add_width("width", data[:, 6], "qpos, column 6")
+            return self._add_width("width", read_whole(data)[:, 6], "qpos, column 6")
         total = 0
         for key, data in self._observed.items():
             if key.endswith("_gripper_qpos") and data.shape[1:] == (2,):
                 self._used.add(key)
                 robot = key.removesuffix("_gripper_qpos")
-                name = "width" if robot == "robot0" else f"width_{_name_of(robot)}"
-                fingers = data[:]
+                name = "width" if robot == "robot0" else f"width_{robot}"
+                fingers = read_whole(data)
                 total += self._add_width(name, np.abs(fingers[:, 0] - fingers[:, 1]), key)
         return total
 
     def _add_width(self, name: str, widths: np.ndarray, key: str) -> int:
         if not np.isfinite(widths).all():
             raise SourceError(f"{key} holds values that are no numbers", where=self._where)
-        stream = self._writer.add_stream(name, kind="width", **self._clock())
+        stream = self._writer.add_stream(self._name(name), kind="width", **self._clock())
         stream.append(self._times(len(widths)), widths.astype(np.float32))
         return len(widths)
 
@@ -321,6 +385,13 @@ class _Conversion:
             )
         used = {f"{self._prefix}{key}" for key in self._used}
         left = sorted(self._all - used)
+        unread = [key for key in left if key.startswith(_PICTURES)]
+        if unread:
+            self._note(
+                "pictures-not-read",
+                f"{', '.join(unread)}: no arrays of 8-bit pixels, such as frames that were "
+                "compressed one by one",
+            )
         if left:
             self._note("not-converted", f"keys that were not read: {', '.join(left)}", info=True)
         if self._settings["layout"] == "freetacman":
@@ -369,17 +440,4 @@ class _FrameReader:
 
 
 def _grey(frame: np.ndarray) -> np.ndarray:
-    return to_grey(frame) if frame.shape[2] == _PIXELS else frame[..., 0]
-
-
-def _is_image(data: Any) -> bool:
-    return bool(
-        data.dtype == np.uint8 and data.ndim == 4 and data.shape[3] in {1, _PIXELS}
-    )  # N, H, W, C
-
-
-def _name_of(key: str) -> str:
-    """Make a stream's name of a key."""
-    word = key.rpartition("/")[2].lower()
-    name = "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in word)
-    return name if name[:1].isalpha() else f"key_{name}"
+    return to_grey(frame) if frame.shape[2] == _COLOURS else frame[..., 0]

@@ -19,6 +19,7 @@ from exumi_converters.lerobot_dataset.layout import (
     DeclaredStream,
 )
 from exumi_converters.lerobot_dataset.options import LeRobotReadOptions, listed
+from exumi_converters.names import free_stream_name
 from exumi_data.errors import UsageError
 from exumi_data.geometry import axis_angle_to_quaternion, make_sign_continuous
 
@@ -137,11 +138,7 @@ class _Mapper:
 
     def _free(self, wanted: str) -> str:
         """Make a stream's name that is not taken yet."""
-        name = re.sub(r"[^a-z0-9]+", "_", wanted.lower()).strip("_")
-        name = (name if name[:1].isalpha() else f"stream_{name}".rstrip("_"))[:56]
-        number, free = 2, name
-        while free in self._names:
-            free, number = f"{name}_{number}", number + 1
+        free = free_stream_name(wanted, self._names)
         self._names.add(free)
         return free
 

@@ -1,6 +1,7 @@
 """Sessions that something is wrong with: what can be read is converted, the rest is named."""
 
 import json
+import os
 import shutil
 from fractions import Fraction
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exumi_converters import plan_conversion
+from exumi_converters import ConvertOptions, plan_conversion
 from exumi_converters.exumi_session.camera_clock import infer_zone_s, stated_zone_s
 from exumi_data.errors import SourceError, UsageError
 from exumi_data.simulation.demonstrations import simulate_demonstrations
@@ -301,3 +302,57 @@ def test_dry_run_writes_nothing(small: HubSession, tmp_path: Path) -> None:
     plan = plan_conversion(small.root, from_format="exumi-session")
     assert len(plan.episodes) == 3
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_what_cannot_be_read_to_its_end_or_named(small: HubSession, tmp_path: Path) -> None:
+    """Pipes, devices, links in circles, names that no text can hold, a calibration that is none."""
+    clips = sorted((small.root / "raw_videos").glob("*.MP4"))
+    for name in ("angle_0.json", "left_1.mp4"):
+        (small.hub / name).unlink()
+        os.mkfifo(small.hub / name)
+    (small.hub / "right_1.json").unlink()
+    (small.hub / "right_1.json").symlink_to("/dev/zero")
+    circle = small.root / "raw_videos" / "circle.MP4"
+    circle.symlink_to(circle)
+    (small.root / "raw_videos" / "again").symlink_to(small.root)
+    odd = clips[0].with_name("two\nlines.MP4")
+    clips[0].rename(odd)
+    (small.root / "gripper_calibration.json").write_text("[" * 2_000_000)
+    report, dataset = run(small.root, tmp_path / "out")
+    reasons = {failure.name: failure.reason for failure in report.failed}
+    assert sorted(reasons) == ["raw_videos/circle.MP4", "raw_videos/two\nlines.MP4"]
+    assert "symbolic links" in reasons["raw_videos/circle.MP4"]
+    assert "its name cannot be kept" in reasons["raw_videos/two\nlines.MP4"]
+    assert any("gripper_calibration.json is not used" in text for text in report.notices)
+    assert len(dataset) == 2
+    assert [p.message for p in validate(dataset.path).problems if p.severity == "error"] == []
+
+
+@pytest.mark.parametrize("decode", ["no", "yes"])
+def test_a_finger_of_which_nothing_can_be_read(
+    small: HubSession, tmp_path: Path, decode: str
+) -> None:
+    for path in small.hub.glob("left_*.mp4"):
+        path.write_bytes(path.read_bytes()[:1000])
+    for path in (small.root / "raw_videos").glob("*.MP4"):
+        if path != min((small.root / "raw_videos").glob("*.MP4")):
+            path.unlink()
+    report, dataset = run(small.root, tmp_path / "out", decode=decode)
+    assert report.converted == 1
+    (episode,) = dataset
+    assert "tactile_left" not in episode
+    notes = {note.code: note for note in episode.metadata.quality}
+    assert notes["unreadable-chunk"].message.startswith("left_")
+    assert {note.stream for note in episode.metadata.quality} <= {None, *episode}
+    assert [p.message for p in validate(dataset.path).problems if p.severity == "error"] == []
+
+
+def test_how_large_a_decoded_session_will_be(small: HubSession, tmp_path: Path) -> None:
+    sizes = {}
+    for decode in ("no", "yes"):
+        options = ConvertOptions(settings={"decode": decode})
+        plan = plan_conversion(small.root, from_format="exumi-session", options=options)
+        sizes[decode] = plan.estimated_bytes
+    run(small.root, tmp_path / "out", decode="yes")
+    written = sum(path.stat().st_size for path in (tmp_path / "out").rglob("*") if path.is_file())
+    assert 2 * sizes["no"] < written < 2 * sizes["yes"] < 12 * written

@@ -186,7 +186,7 @@ def test_damaged_foreign_and_empty_files_are_named_and_the_rest_is_done(tmp_path
     assert "damaged or cut short" in reasons["cut.hdf5"]
     assert "no HDF5 file" in reasons["text.hdf5"]
     assert "neither robomimic's" in reasons["other.hdf5"]
-    assert "holds no sample" in reasons["empty.hdf5/000000000"]
+    assert "holds no observations" in reasons["empty.hdf5/data/demo_0"]
     assert not any("defect" in reason for reason in reasons.values())
 
 
