@@ -11,6 +11,7 @@ from typing import Any
 
 from exumi_data._version import __version__
 from exumi_data.clips.clip import Clip, ClipFrames
+from exumi_data.editing.cutting import Stretch, cut_annotations, cut_stream
 from exumi_data.episode import Episode, StreamView
 from exumi_data.model import (
     CONVENTION_UUID,
@@ -25,7 +26,6 @@ from exumi_data.standard import sensors
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.synchronisation.matching import Match
 from exumi_data.synchronisation.placing import METHOD, Placement
-from exumi_data.editing.cutting import Stretch, cut_annotations, cut_stream
 
 __all__ = [
     "DOUBTFUL",
