@@ -7,19 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
 from exumi_converters.converter import SourceFile, SourceMembers
 from exumi_data.errors import SourceError
 from exumi_data.model import CONVENTION_UUID, InputFile
-from exumi_data.model.base import Identifier
 from exumi_data.store.digest import sha256_file
 
 __all__ = ["digest_inputs", "episode_id", "relative_name", "settings_digest", "source_digest"]
 
 _LONGEST_NAME = 254  # a folder gets a / behind it
 _NAMESPACE = uuid.UUID(CONVENTION_UUID)
-_NAME: TypeAdapter[str] = TypeAdapter(Identifier)
 
 
 def episode_id(scheme: str, source_sha256: str, key: str) -> str:
@@ -49,15 +45,6 @@ def _lines_digest(lines: list[str]) -> str:
 
 
 def _digest(file: SourceFile) -> InputFile:
-    try:
-        _NAME.validate_python(file.name)
-    except ValidationError:
-        raise SourceError(
-            "its name cannot be kept: it has more than 255 letters, several lines, or letters "
-            "that are none",
-            where=file.name,
-            fix="Rename the file or its folder.",
-        ) from None
     try:
         if file.members is not None:
             return _digest_members(file.name, file.members)

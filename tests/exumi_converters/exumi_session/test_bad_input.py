@@ -322,7 +322,7 @@ def test_what_cannot_be_read_to_its_end_or_named(small: HubSession, tmp_path: Pa
     reasons = {failure.name: failure.reason for failure in report.failed}
     assert sorted(reasons) == ["raw_videos/circle.MP4", "raw_videos/two\nlines.MP4"]
     assert "symbolic links" in reasons["raw_videos/circle.MP4"]
-    assert "its name cannot be kept" in reasons["raw_videos/two\nlines.MP4"]
+    assert "its name cannot be recorded" in reasons["raw_videos/two\nlines.MP4"]
     assert any("gripper_calibration.json is not used" in text for text in report.notices)
     assert len(dataset) == 2
     assert [p.message for p in validate(dataset.path).problems if p.severity == "error"] == []
