@@ -8,7 +8,7 @@ from pathlib import Path
 
 from exumi_converters.converter import Converter, ConvertOptions, Discovery, EpisodeSource
 from exumi_converters.destination import write_splits
-from exumi_converters.detection import detect_format
+from exumi_converters.detection import detect_format, unreadable
 from exumi_converters.format_options import parse_options
 from exumi_converters.identity import (
     digest_inputs,
@@ -176,7 +176,10 @@ def _converter(source: Path, name: str | None) -> tuple[Converter, list[str]]:
 def _discover(converter: Converter, source: Path, options: ConvertOptions) -> Discovery:
     _check_options(options)
     parse_options(converter.options, options.settings, converter.name)
-    discovery = converter.discover(source, options)
+    try:
+        discovery = converter.discover(source, options)
+    except OSError as error:
+        raise unreadable(source, error) from None
     _check_keys(discovery, source)
     return discovery
 

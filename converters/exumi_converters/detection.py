@@ -7,7 +7,7 @@ from exumi_converters.converter import Converter
 from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.errors import SourceError, UsageError
 
-__all__ = ["detect_format"]
+__all__ = ["detect_format", "unreadable"]
 
 
 def detect_format(source: str | Path, known: Mapping[str, Converter]) -> tuple[str, str]:
@@ -32,15 +32,19 @@ def detect_format(source: str | Path, known: Mapping[str, Converter]) -> tuple[s
         More than one is, or it is an exUMI dataset already.
     """
     path = Path(source)
-    if not path.exists():
+    try:
+        is_there, is_dataset = path.exists(), (path / DATASET_DOCUMENT).is_file()
+    except OSError as error:
+        raise unreadable(source, error) from None
+    if not is_there:
         raise SourceError("no such file or folder", where=source)
-    if (path / DATASET_DOCUMENT).is_file():
+    if is_dataset:
         raise UsageError(
             "this is an exUMI dataset already",
             where=source,
             fix="To write it in another format, say --to FORMAT (see exumi convert --list).",
         )
-    found = {name: converter.recognise(path) for name, converter in known.items()}
+    found = {name: _recognised(name, converter, path) for name, converter in known.items()}
     reasons = {name: reason for name, reason in found.items() if reason is not None}
     if not reasons:
         formats = "; ".join(f"{name} ({item.describes})" for name, item in known.items())
@@ -57,3 +61,31 @@ def detect_format(source: str | Path, known: Mapping[str, Converter]) -> tuple[s
             fix="Say which with --from.",
         )
     return next(iter(reasons.items()))
+
+
+def unreadable(source: str | Path, error: OSError) -> SourceError:
+    """Return the error to raise where a source cannot be read.
+
+    Parameters
+    ----------
+    source : path-like
+    error : OSError
+    """
+    return SourceError(
+        f"cannot be read ({error.strerror or error})",
+        where=error.filename or source,
+        fix="Check that it exists and that you may read it.",
+    )
+
+
+def _recognised(name: str, converter: Converter, path: Path) -> str | None:
+    try:
+        return converter.recognise(path)
+    except OSError as error:
+        raise unreadable(path, error) from None
+    except Exception as error:
+        raise SourceError(
+            f"the format {name!r} fails to look at it ({type(error).__name__}: {error})",
+            where=path,
+            fix="Say with --from which format it is, and tell the authors of that one.",
+        ) from error

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from exumi_converters import ConvertOptions, convert, converters, plan_conversion
+from exumi_converters.clips import ClipsConverter
 from exumi_converters.detection import detect_format
 from exumi_data.dataset import create_dataset
 from exumi_data.errors import SourceError, UsageError
@@ -76,3 +77,19 @@ def test_a_plan_is_refused_as_the_conversion_is(octopi: Path) -> None:
     wrong = ConvertOptions(settings={"speed": "high"})
     with pytest.raises(UsageError, match=r"there is no option 'speed'. Options of octopi: none"):
         plan_conversion(octopi, from_format="octopi", options=wrong)
+
+
+def test_a_format_that_fails_to_look_is_named(tmp_path: Path) -> None:
+    class Broken(ClipsConverter):
+        def recognise(self, source: Path) -> str | None:
+            raise KeyError("oops")
+
+    with pytest.raises(SourceError, match=r"the format 'broken' fails to look at it \(KeyError"):
+        detect_format(tmp_path, {"broken": Broken()})
+
+
+def test_a_source_that_cannot_even_be_looked_for_is_told(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match=r"cannot be read \(File name too long\)"):
+        convert("a" * 5000, tmp_path / "out")
+    with pytest.raises(SourceError, match=r"cannot be read \(File name too long\)"):
+        convert("a" * 5000, tmp_path / "out", from_format="lerobot")

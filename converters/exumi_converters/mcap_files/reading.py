@@ -5,6 +5,7 @@ from pathlib import Path
 from pydantic import Field
 
 from exumi_converters.converter import ConvertOptions, Discovery, EpisodeSource, SourceFile
+from exumi_converters.detection import unreadable
 from exumi_converters.format_options import FormatOptions, parse_options
 from exumi_converters.identity import relative_name
 from exumi_converters.mcap_files.foreign import ForeignFile
@@ -43,7 +44,10 @@ class McapConverter:
         "of other files: CompressedImage and RawImage, FrameTransform, PoseInFrame, RawAudio",
         "JPEGs byte for byte, times to the nanosecond",
     )
-    loses: tuple[str, ...] = ("messages in other schemas and encodings (each topic is named)",)
+    loses: tuple[str, ...] = (
+        "messages in other schemas and encodings (each topic is named)",
+        "messages that cannot be read, or go back in time (they are counted)",
+    )
     options: type[FormatOptions] = McapReadOptions
 
     def recognise(self, source: Path) -> str | None:
@@ -65,7 +69,9 @@ class McapConverter:
             name = relative_name(path, root)
             try:
                 items.append(_item(path, name, options, told))
-            except (ExumiError, OSError) as error:
+            except OSError as error:
+                failed.append(Failure(name, str(unreadable(path, error))))
+            except ExumiError as error:
                 failed.append(Failure(name, str(error)))
         return Discovery(
             layout=f"{len(paths)} MCAP file(s)", items=tuple(items), failed=tuple(failed)
@@ -95,6 +101,8 @@ def _is_mcap(path: Path) -> bool:
 
 def _item(path: Path, name: str, options: ConvertOptions, told: McapReadOptions) -> EpisodeSource:
     if not _is_mcap(path):
+        if path.is_file():
+            path.open("rb").close()  # says why, if it cannot be read
         raise SourceError("is no MCAP file: it begins otherwise", where=path)
     files = (SourceFile(path, name),)
     own = read_own_record(path)
