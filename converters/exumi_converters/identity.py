@@ -52,8 +52,8 @@ def _digest(file: SourceFile) -> InputFile:
         _NAME.validate_python(file.name)
     except ValidationError:
         raise SourceError(
-            "its name cannot be kept: it has more than 255 letters, several lines, or letters "
-            "that are none",
+            "its name cannot be kept: it has more than 255 letters, several lines, a space at an "
+            "end, or letters that are none",
             where=file.name,
             fix="Rename the file or its folder.",
         ) from None
