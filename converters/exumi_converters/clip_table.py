@@ -11,6 +11,9 @@
 
 import csv
 import math
+from array import array
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +25,7 @@ __all__ = ["ClipTable", "TableStream", "read_header", "read_table"]
 
 _UNDERSTOOD = "frame, force_N, fx_N, fy_N, fz_N, tx_Nm, ty_Nm, tz_Nm, width_m"
 _INDEX = "frame"
+_MOST_BYTES = 64 << 20
 # column -> (stream, kind, component)
 _COLUMNS = {
     "force_N": ("force", "wrench", "f_grip"),
@@ -83,34 +87,41 @@ def read_header(path: Path) -> list[str]:
     SourceError
         The file cannot be read, or has no header.
     """
-    return _rows(path, limit=1)[0]
+    return next(_rows(path))
 
 
-def _rows(path: Path, limit: int | None = None) -> list[list[str]]:
-    rows = []
+def _rows(path: Path) -> Iterator[list[str]]:
+    """Yield the header, checked, and the rows."""
+    header = None
     try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise SourceError(f"the table is larger than {_MOST_BYTES >> 20} MiB", where=path)
         with path.open(newline="", encoding="utf-8-sig") as file:
             for cells in csv.reader(file, strict=True):
-                if any(cell.strip() for cell in cells):
-                    rows.append([cell.strip() for cell in cells])
-                if limit is not None and len(rows) >= limit:
-                    break
+                if not any(cell.strip() for cell in cells):
+                    continue
+                row = [cell.strip() for cell in cells]
+                if header is None:
+                    header = row
+                    _check_header(header, path)
+                yield row
     except OSError as error:
         raise SourceError(f"cannot be read ({error.strerror})", where=path) from None
     except (csv.Error, UnicodeDecodeError) as error:
         raise SourceError(f"not a CSV table in UTF-8 ({error})", where=path, fix=_FIX) from None
-    if not rows:
+    if header is None:
         raise SourceError("the table is empty", where=path, fix=_FIX)
-    header = rows[0]
+
+
+def _check_header(header: list[str], path: Path) -> None:
     separator = next((mark for mark in ";\t|" if mark in header[0]), None)
     if len(header) == 1 and separator is not None:
         raise SourceError(
             f"the columns are separated by {separator!r}, not by commas", where=path, fix=_FIX
         )
-    twice = sorted({name for name in header if header.count(name) > 1})
+    twice = [name for name, count in Counter(header).items() if count > 1]
     if twice:
-        raise SourceError(f"column {twice[0]!r} for the second time", where=path, fix=_FIX)
-    return rows
+        raise SourceError(f"column {min(twice)!r} for the second time", where=path, fix=_FIX)
 
 
 def unknown_columns(header: list[str]) -> list[str]:
@@ -135,11 +146,13 @@ def read_table(path: Path) -> ClipTable:
         A row is malformed, a value is no finite number, or the frames are not numbered in order.
         Names line and column.
     """
-    header, *rows = _rows(path)
+    rows = _rows(path)
+    header = next(rows)
     known = [name for name in header if name in _COLUMNS]
-    columns: dict[str, list[float]] = {name: [] for name in known}
-    rounded = set()
+    columns = {name: array("d") for name in known}
+    rounded, count = set(), 0
     for index, cells in enumerate(rows):
+        count = index + 1
         where = f"{path}, row {index + 1}"
         if len(cells) != len(header):
             raise SourceError(
@@ -158,7 +171,7 @@ def read_table(path: Path) -> ClipTable:
             if not _survives_float32(row[name], value):
                 rounded.add(name)
     return ClipTable(
-        len(rows),
+        count,
         _streams(columns),
         tuple(unknown_columns(header)),
         tuple(name for name in known if name in rounded),
@@ -183,7 +196,7 @@ def _survives_float32(text: str, value: float) -> bool:
     return f"{float(np.float32(value)):.{decimals}f}" == f"{value:.{decimals}f}"
 
 
-def _streams(columns: dict[str, list[float]]) -> tuple[TableStream, ...]:
+def _streams(columns: Mapping[str, Sequence[float]]) -> tuple[TableStream, ...]:
     streams = []
     for stream in ("force", "wrench", "width"):
         names = [name for name in _COLUMNS if _COLUMNS[name][0] == stream and name in columns]

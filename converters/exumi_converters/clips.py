@@ -19,6 +19,7 @@ from exumi_converters.frame_files import add_lossy
 from exumi_converters.identity import relative_name
 from exumi_converters.image_stream import AddedStream, StreamSpec
 from exumi_converters.lerobot_dataset.documents import is_dataset
+from exumi_converters.names import one_line
 from exumi_converters.source_folder import count_names, source_files
 from exumi_converters.video_episode import add_video
 from exumi_data.errors import SourceError, UsageError
@@ -125,7 +126,7 @@ def _annotations(stem: str, options: ConvertOptions) -> Annotations | None:
     match = next((found for name in _NAMES if (found := name.fullmatch(stem))), None)
     values: dict[str, object] = {}
     if match is not None:
-        values = {"object_id": match["object"], "trial": int(match["trial"])}
+        values = {"object_id": one_line(match["object"]), "trial": int(match["trial"])}
     if options.pad_type is not None:
         values["pad_type"] = options.pad_type
     return Annotations.model_validate(values) if values else None

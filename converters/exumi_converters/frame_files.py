@@ -13,6 +13,7 @@ from exumi_data.model import ArrayImages, EncodedImages, LossyStep, QualityNote
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.stream_writer import DataStreamWriter, EncodedStreamWriter, StreamWriter
+from exumi_data.store.video import MAX_PIXELS
 from exumi_data.tactile import to_grey
 
 __all__ = [
@@ -23,6 +24,8 @@ __all__ = [
     "add_png_stream",
     "encoder_name",
 ]
+
+_PNG, _PNG_HEADER = b"\x89PNG\r\n\x1a\n", 26
 
 FrameFile = tuple[int, bytes]
 """Presentation time, in units of the time base, and the file."""
@@ -97,6 +100,8 @@ def _check(file: bytes, shape: tuple[int, int, int]) -> np.ndarray:
     """Decode a frame's luma, and so find out whether it is whole."""
     if not jpeg.is_jpeg(file):
         raise DamagedDataError("the JPEG is cut short")
+    if shape[0] * shape[1] > MAX_PIXELS:
+        raise DamagedDataError(f"it claims {shape[1]}x{shape[0]} pixels: more than are read")
     if jpeg.size_of(file) != shape:
         raise DamagedDataError(f"it is {jpeg.size_of(file)} (height, width, channels), not {shape}")
     return _decode(file, (*shape[:2], 1))[..., 0]
@@ -240,6 +245,7 @@ def add_png_stream(writer: EpisodeWriter, spec: StreamSpec, files: FrameFiles) -
 
     def pixels() -> Iterator[tuple[int, np.ndarray]]:
         for pts, file in files.read():
+            _check_png(file, pts, files.where)
             image = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR_RGB)
             if image is None:
                 raise SourceError(f"frame {pts} is no readable PNG", where=files.where)
@@ -265,6 +271,26 @@ def add_png_stream(writer: EpisodeWriter, spec: StreamSpec, files: FrameFiles) -
     if spec.kind == "tactile":
         analysis.finish(writer, stream, _PixelReader(lambda: (image for _, image in pixels())))
     return AddedStream(stream, times_of(found.pts, files.time_base))
+
+
+def _check_png(file: bytes, pts: int, where: object) -> None:
+    """Refuse what is no PNG of 8 bits, or claims more pixels than are read, before it is decoded.
+
+    Raises
+    ------
+    SourceError
+    """
+    if not file.startswith(_PNG) or len(file) < _PNG_HEADER:
+        raise SourceError(f"frame {pts} is no readable PNG", where=where)
+    width, height = int.from_bytes(file[16:20], "big"), int.from_bytes(file[20:24], "big")
+    if width * height > MAX_PIXELS:
+        raise SourceError(
+            f"frame {pts} claims {width}x{height} pixels: more than are read", where=where
+        )
+    if file[24] > 8:
+        raise SourceError(
+            f"frame {pts} has {file[24]} bits a channel, of which 8 would be kept", where=where
+        )
 
 
 class _PixelReader:

@@ -3,10 +3,10 @@
 import re
 from collections.abc import Iterable
 
-__all__ = ["free_stream_name", "printed", "task_name"]
+__all__ = ["free_stream_name", "one_line", "printed"]
 
 # A stream's name has at most 64 letters; a number may come behind it.
-_LONGEST_STREAM, _LONGEST_TASK = 56, 200
+_LONGEST_STREAM, _LONGEST_NAME = 56, 200
 
 
 def free_stream_name(wanted: str, taken: Iterable[str]) -> str:
@@ -32,7 +32,7 @@ def printed(text: str) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-def task_name(text: str) -> str | None:
-    """Return what a source calls its task as a name: on one line, not too long; None if empty."""
+def one_line(text: str) -> str | None:
+    """Return a text as a name: on one line, not too long; None where nothing is left of it."""
     plain = "".join(letter if letter.isprintable() else " " for letter in printed(text))
-    return " ".join(plain.split())[:_LONGEST_TASK].strip() or None
+    return " ".join(plain.split())[:_LONGEST_NAME].strip() or None

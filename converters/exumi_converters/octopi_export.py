@@ -7,7 +7,7 @@ paper's choice (the ten with the largest difference), not that code's.
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -90,9 +90,9 @@ class OctopiExporter:
                     continue
                 settings = {"split": lists.get(episode.id, "train")}
                 items.append(ExportItem(id=episode.id, index=len(items), settings=settings))
+                for loss in (*_label_losses(episode), *_stream_losses(episode, told)):
+                    losses.setdefault((loss.facet, loss.stream or ""), loss)
                 for stream in episode.streams.values():
-                    for loss in _losses(stream, told):
-                        losses.setdefault((loss.facet, stream.name), loss)
                     if stream.kind == "tactile":
                         count = len(stream) if told.frames == "all" else _SALIENT
                         size += count * _FRAME_BYTES
@@ -137,7 +137,7 @@ class OctopiExporter:
                 folder.mkdir()
                 (part.folder / frames).rename(folder / "tactile")
                 (folder / "data.json").write_text(json.dumps(document, indent=4), encoding="utf-8")
-                samples = lists.setdefault(document["split"], {})
+                samples = lists[document["split"]]
                 samples.setdefault(document["object_id"], []).append(
                     f"{plan.shared['root']}/{name}"
                 )
@@ -157,6 +157,14 @@ def _lists(dataset: Dataset, split: str) -> tuple[dict[str, str], list[str]]:
             )
         return {}, [f"the dataset has no split {split!r}: every sample is in train"]
     lists = dataset.splits[split].lists
+    # Octopi's code knows no others; and their names become those of files.
+    strange = sorted(set(lists) - set(_LISTS))
+    if strange:
+        raise UsageError(
+            f"the split {split!r} has the list {strange[0]!r}: Octopi's are {', '.join(_LISTS)}",
+            where=dataset.path,
+            fix="Name another split with -o split=NAME, or give its lists these names.",
+        )
     found = {name: word for word, ids in lists.items() for name in ids}
     missing = sum(name not in found for name in dataset.ids)
     notices = [f"{missing} episodes are in no list of {split!r}: they go to train"]
@@ -170,6 +178,30 @@ def _mistake(episode: Episode) -> str | None:
     if not episode.of_kind("tactile"):
         return "it has no tactile stream"
     return None
+
+
+def _ratings(episode: Episode) -> dict[str, float]:
+    """Return hardness and roughness; nothing where one is missing: Octopi's code takes both."""
+    about = episode.metadata.annotations or Annotations()
+    found = {
+        label.property: label.value
+        for label in about.labels or []
+        if label.property in _RATINGS and isinstance(label.value, int | float)
+    }
+    return found if len(found) == len(_RATINGS) else {}
+
+
+def _label_losses(episode: Episode) -> list[Loss]:
+    about = episode.metadata.annotations or Annotations()
+    if _ratings(episode) or not any(label.property in _RATINGS for label in about.labels or []):
+        return []
+    detail = "of some episodes only hardness or only roughness is known: Octopi's code takes both"
+    return [Loss(facet="annotations", detail=detail)]
+
+
+def _stream_losses(episode: Episode, told: OctopiExportOptions) -> Iterator[Loss]:
+    for stream in episode.streams.values():
+        yield from _losses(stream, told)
 
 
 def _losses(stream: StreamView, told: OctopiExportOptions) -> list[Loss]:
@@ -214,11 +246,7 @@ def _document(episode: Episode, split: str) -> dict[str, Any]:
     kind = whole.rstrip("_") if whole else _PHYSICLEAR[about.pad_type]
     procedure = _PROCEDURES.get(str(about.procedure), about.procedure)
     trial = 0 if about.trial is None else about.trial
-    ratings = {
-        label.property: label.value
-        for label in about.labels or []
-        if label.property in _RATINGS and isinstance(label.value, int | float)
-    }
+    ratings = _ratings(episode)
     document: dict[str, Any] = {
         "dataset": kind,
         "object_id": part_id if whole else f"physiclear_{part_id}",

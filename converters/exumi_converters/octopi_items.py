@@ -1,10 +1,13 @@
 """Turns Octopi's files into episodes: what their names, folders and labels say."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
+
+from pydantic import ValidationError
 
 from exumi_converters.converter import ConvertOptions, EpisodeSource, SourceFile
 from exumi_converters.identity import relative_name
@@ -13,6 +16,7 @@ from exumi_converters.report import Failure
 from exumi_converters.video_episode import VideoHeader, read_header
 from exumi_data.errors import SourceError
 from exumi_data.model import Annotations, Label, QualityNote, Task
+from exumi_data.model.documents import problems_of
 
 __all__ = ["ItemMaker"]
 
@@ -69,7 +73,7 @@ class ItemMaker:
             ``physiclear``, ``physicleardotted`` or ``hardness``.
         """
         usual = _usual_frames(paths)
-        items = []
+        items: list[EpisodeSource] = []
         for path in paths:
             part_id, trial = _split_name(path.stem, dataset)
             folder = path.parent.name if path.parent != self._root else None
@@ -78,20 +82,16 @@ class ItemMaker:
                 settings["usual_frames"] = usual[path]
             if part_id is None:
                 self._nameless.append(path.name)
-            items.append(
-                self._item(
-                    relative_name(path, self._root),
-                    (SourceFile(path, relative_name(path, self._root)),),
-                    dataset,
-                    {
-                        "trial": trial,
-                        "procedure": _procedure(folder) if dataset != "hardness" else None,
-                        **_ids(part_id, dataset),
-                    },
-                    part_id,
-                    settings,
-                )
+            key = relative_name(path, self._root)
+            facts = {
+                "trial": trial,
+                "procedure": _procedure(folder) if dataset != "hardness" else None,
+                **_ids(part_id, dataset),
+            }
+            make = partial(
+                self._item, key, (SourceFile(path, key),), dataset, facts, part_id, settings
             )
+            self._take(items, key, make)
         return items
 
     def trials(self, folders: Sequence[Path]) -> list[EpisodeSource]:
@@ -119,13 +119,22 @@ class ItemMaker:
 
     def samples(self, folders: Sequence[Path]) -> list[EpisodeSource]:
         """Make one episode of each processed sample; one that is broken is a failure."""
-        items = []
+        items: list[EpisodeSource] = []
         for folder in folders:
-            try:
-                items.append(self._sample(folder))
-            except SourceError as error:
-                self.failed.append(Failure(relative_name(folder, self._root), str(error)))
+            self._take(items, relative_name(folder, self._root), partial(self._sample, folder))
         return items
+
+    def _take(
+        self, items: list[EpisodeSource], name: str, make: Callable[[], EpisodeSource]
+    ) -> None:
+        """Make an item, or say why there is none: names and labels can be any text."""
+        try:
+            items.append(make())
+        except SourceError as error:
+            self.failed.append(Failure(name, str(error)))
+        except ValidationError as error:
+            said = "; ".join(f"{message} @ {path}" for message, path in problems_of(error))
+            self.failed.append(Failure(name, f"its name or its labels cannot be kept: {said}"))
 
     def _sample(self, folder: Path) -> EpisodeSource:
         document = read_sample_document(folder / "data.json")

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from exumi_converters.source_folder import may_be_read
 from exumi_data.errors import SourceError, UsageError
 from exumi_data.model import Label
 
@@ -32,6 +33,7 @@ _SPLITS = {"split_octopi1": "octopi1", "split_octopi15": "octopi15"}
 _TEXT = ("object", "part", "name")
 _KNOWN = ("part_id", *_TEXT, *_NUMBERS, *_CLASSES, "adjectives", *_SPLITS)
 _RATING_ORIGIN = "mean of about three raters"
+_MOST_BYTES = 1 << 20  # of a data.json
 _FIX = "Mend the table, or leave out --labels."
 
 
@@ -210,8 +212,14 @@ def read_sample_document(path: Path) -> SampleDocument:
     SourceError
         It is not what Octopi-1.5 writes.
     """
+    if not may_be_read(path):
+        raise SourceError("is no ordinary file", where=path)
     try:
-        document = json.loads(path.read_bytes())
+        with path.open("rb") as file:
+            raw = file.read(_MOST_BYTES + 1)
+        if len(raw) > _MOST_BYTES:
+            raise SourceError("is larger than 1 MiB", where=path)
+        document = json.loads(raw)
     except (OSError, ValueError, RecursionError) as error:
         raise SourceError(f"cannot be read ({error})", where=path) from None
     if not isinstance(document, dict) or not _is_text(document.get("object_id")):

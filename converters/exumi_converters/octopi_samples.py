@@ -1,5 +1,6 @@
 """Frames that lie in a folder as numbered files: Octopi-1.5's samples, ObjectFolder's trials."""
 
+import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +10,8 @@ from exumi_converters.source_folder import may_be_read
 from exumi_data.errors import SourceError
 
 __all__ = ["FRAME_SUFFIXES", "frame_paths", "read_frames"]
+
+_NUMBER = re.compile(r"0*[0-9]{1,9}")  # more would lie beyond the times that can be stored
 
 FRAME_SUFFIXES = (".jpg", ".jpeg", ".png")
 
@@ -28,7 +31,7 @@ def frame_paths(folder: Path) -> list[Path]:
     ]
     if not paths:
         raise SourceError("the folder holds no frames", where=folder)
-    unnumbered = sorted(path.name for path in paths if not path.stem.isdecimal())
+    unnumbered = sorted(path.name for path in paths if not _NUMBER.fullmatch(path.stem))
     if unnumbered:
         raise SourceError(
             f"{unnumbered[0]} is not the number of a frame",

@@ -109,3 +109,40 @@ def test_episodes_that_name_no_part_are_refused(touches: Path, tmp_path: Path) -
     wrong = ExportOptions(settings={"split": "nine"})
     with pytest.raises(UsageError, match="no split 'nine'"):
         plan_export(touches, tmp_path / "out", to_format="octopi", options=wrong)
+
+
+def test_one_rating_without_the_other_is_lost_and_said(
+    octopi: Path, labels: Path, tmp_path: Path
+) -> None:
+    """Octopi's code takes hardness and roughness, or neither: one alone is a KeyError there."""
+    told = ConvertOptions(workers=1, durable=False, labels=labels)
+    convert(octopi, tmp_path / "data", from_format="octopi", options=told)
+    plan = plan_export(tmp_path / "data", tmp_path / "out", to_format="octopi")
+    assert any("only hardness or only roughness" in loss.detail for loss in plan.losses)
+    export(
+        tmp_path / "data",
+        tmp_path / "out",
+        to_format="octopi",
+        options=ExportOptions(durable=False),
+    )
+    found = {}
+    for path in (tmp_path / "out").glob("samples/*/data.json"):
+        document = json.loads(path.read_text())
+        found[document["object_id"]] = set(document.get("properties", ()))
+    both = {"hardness", "roughness"}
+    assert found == {
+        "physiclear_egg": both,
+        "physiclear_rice": both,
+        "physiclear_rice_spatula_base": set(),
+        "physiclear_apple": set(),
+    }
+
+
+def test_lists_that_lead_elsewhere_are_refused(touches: Path, tmp_path: Path) -> None:
+    path = touches / "splits" / "octopi15.json"
+    document = json.loads(path.read_text())
+    document["lists"]["../../evil"] = document["lists"].pop("val")
+    path.write_text(json.dumps(document))
+    with pytest.raises(UsageError, match=r"the list '../../evil': Octopi's are train, val, test"):
+        export(touches, tmp_path / "in" / "out", to_format="octopi", options=ALL)
+    assert not (tmp_path / "evil_samples.json").exists()

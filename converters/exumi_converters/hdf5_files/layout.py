@@ -18,7 +18,7 @@ from exumi_converters.hdf5_files.contents import (
     read_whole,
     walk,
 )
-from exumi_converters.names import task_name
+from exumi_converters.names import one_line
 from exumi_data.errors import ExumiError, SourceError
 from exumi_data.model.documents import load_json
 
@@ -247,7 +247,7 @@ def _environment(data: Any) -> dict[str, str]:
         return {}
     found: dict[str, str] = {}
     named = document.get("env_name")
-    task = task_name(named) if isinstance(named, str) else None
+    task = one_line(named) if isinstance(named, str) else None
     if task is not None:
         found["task"] = task
     arguments = document.get("env_kwargs")
