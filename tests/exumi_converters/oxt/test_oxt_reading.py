@@ -111,6 +111,18 @@ def test_timestamps_in_any_unit(unit: str, dated: bool, tmp_path: Path) -> None:
         assert str(found.metadata.start).startswith("2026-02-")
 
 
+@pytest.mark.parametrize("stamps", ["seconds", "milliseconds"])
+def test_rounded_stamps_of_a_rate_are_its_times(stamps: str, tmp_path: Path) -> None:
+    number = np.delete(np.arange(13), 4)
+    given = 1.77e9 + number / 30
+    if stamps == "milliseconds":
+        given = np.round(number * 1000 / 30).astype(np.int64)
+    found = first(write_store(tmp_path / "a.zarr", {**episode(), "timestamps": given}))
+    np.testing.assert_array_equal(found["rgb"].time, np.round(number / 30 * NS))
+    assert found["rgb"].metadata.clock.stamp_point == "nominal_rate"
+    assert [(gap.after, gap.lost) for gap in found["rgb"].metadata.gaps or []] == [(3, 1)]
+
+
 def test_numbers_of_steps_need_a_rate(tmp_path: Path) -> None:
     path = write_store(tmp_path / "a.zarr", {**episode(), "timestamps": np.arange(12)})
     with pytest.raises(SourceError, match=r"nothing says how many a second.*--rate 30"):
