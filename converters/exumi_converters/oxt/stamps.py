@@ -122,8 +122,8 @@ def find_unit(stamps: np.ndarray, told: str, rate: str | None, stated: object) -
         return _number(rate, assumed=None)
     if told != "auto":
         return Unit(told)
-    if stated in _NS:
-        return Unit(str(stated), from_start=True)
+    if isinstance(stated, str) and stated in _NS:
+        return Unit(stated, from_start=True)
     steps = np.diff(stamps.astype(np.float64))
     if len(steps) and (steps == 1).all():
         return _number(rate, assumed="each is one more than the one before")
