@@ -215,7 +215,7 @@ def _find_widths(
         unit = told.gripper
         if unit == "auto":
             unit = layout.about.get(key, {}).get("unit")  # type: ignore[assignment]  # checked next
-        if fault is None and unit not in _UNITS:
+        if fault is None and str(unit) not in _UNITS:
             fault = (
                 "the unit of a gripper's number is not stated; -o gripper=m (dm, cm, mm) says it"
             )

@@ -21,7 +21,9 @@ from exumi_data.store.episode_writer import EpisodeWriter
 __all__ = ["add_cells", "add_pose", "add_width", "add_words", "read_text"]
 
 _MOST_SEGMENTS = 1000
+_TURNED_DEG = 90  # about z, where the exporter was told that the axes are UMI's
 _LONGEST_NAME = 255
+_MOST_OFFSET = 1e300
 _DEFAULT_CHILD = {"camera_ego_pose": "oxt_camera_ego"}
 
 
@@ -44,11 +46,11 @@ def add_pose(
     from scipy.spatial.transform import Rotation
 
     values = read_numbers(writer, rows, name).astype(np.float64)
-    turned = about.get("turned_about_z_deg")
+    turned = about.get("turned_about_z_deg") == _TURNED_DEG
     valid = are_float32(values).all(axis=1)
-    if isinstance(turned, int) and turned:
+    if turned:
         rotation = Rotation.from_rotvec(values[valid, 3:])
-        back = rotation * Rotation.from_euler("z", -turned, degrees=True)
+        back = rotation * Rotation.from_euler("z", -_TURNED_DEG, degrees=True)
         values[valid, 3:] = back.as_rotvec()
     poses, valid = to_poses(values[:, :3], values[:, 3:])
     child = _DEFAULT_CHILD.get(rows.name, "oxt_wrist")
@@ -158,10 +160,12 @@ def add_cells(
 
 def _cell_fields(about: Mapping[str, Any]) -> dict[str, Any]:
     unit, sign, offset = (about.get(key) for key in ("unit", "sign", "offset"))
+    if not isinstance(offset, int | float) or abs(offset) > _MOST_OFFSET:
+        offset = 0.0
     return {
         "unit": _identifier(unit, "oxt:unstated"),
         "sign": sign if sign in (-1, 1) else 1,
-        "offset": float(offset) if isinstance(offset, int | float) else 0.0,
+        "offset": float(offset),
     }
 
 

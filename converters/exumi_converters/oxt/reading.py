@@ -242,6 +242,7 @@ class _Store:
                 reason = self._buffer.refused.get(name)
                 if reason is None:
                     reason = "is missing" if meta is None else f"is {meta.shape} {meta.dtype}"
+                reason = reason.rstrip(".")
                 fix = "The contract asks for it: one number a step."
                 if name == INSTRUCTION:
                     fix = "Write it again as strings of fixed width: numpy's astype('U')."
@@ -251,8 +252,13 @@ class _Store:
         """Find the unit of the timestamps, from the first episode that is long enough."""
         stated = self._mark.arrays.get(TIMESTAMPS, {}).get("unit")
         found = self._buffer.episodes([TIMESTAMPS])
-        usable = [(start, stop) for start, stop, fault in found if fault is None]
-        start, stop = max(usable, key=lambda bounds: bounds[1] - bounds[0], default=(0, 0))
+        usable = [rows for rows in found if rows.fault is None]
+        if not usable:
+            fault = next(self._buffer.episodes([TIMESTAMPS])).fault
+            raise SourceError(
+                f"no episode has its rows; the first: {fault}", where=self._buffer.path
+            )
+        start, stop, _ = max(usable, key=lambda rows: rows.stop - rows.start)
         stamps = self._buffer.rows(TIMESTAMPS, start, stop).read(fill=True).reshape(-1)
         try:
             return find_unit(stamps, told.timestamps, self._options.rate, stated)

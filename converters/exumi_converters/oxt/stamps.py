@@ -24,6 +24,7 @@ _NUDGED_SHARE = 0.1
 _LIMIT_NS = 2.0**62
 _MOST_DENOMINATOR = 1001
 _EXACT_S = 1e-6
+_ROUNDING_NS = 1  # of times that were counted from another one
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +122,8 @@ def find_unit(stamps: np.ndarray, told: str, rate: str | None, stated: object) -
         return _number(rate, assumed=None)
     if told != "auto":
         return Unit(told)
-    if stated in _NS:
-        return Unit(str(stated), from_start=True)
+    if isinstance(stated, str) and stated in _NS:
+        return Unit(stated, from_start=True)
     steps = np.diff(stamps.astype(np.float64))
     if len(steps) and (steps == 1).all():
         return _number(rate, assumed="each is one more than the one before")
@@ -228,5 +229,13 @@ def _described(
         rate = Fraction(NS_PER_S / period).limit_denominator(_MOST_DENOMINATOR)
         if rate > 0 and is_nominal(time, rate, max(_EXACT_S, rounding_s)):
             clock = Clock(source="oxt", stamp_point="nominal_rate")
+            time = _on_grid(time, rate)
             return Timeline(time, nudged, start_ns, clock, format_rate(rate), find_gaps(time, rate))
     return Timeline(time, nudged, start_ns, clock, None, [])
+
+
+def _on_grid(time: np.ndarray, rate: Fraction) -> np.ndarray:
+    """Undo what rounding the stamps did to the times of a rate: dates have 238 ns in float64."""
+    numbers = np.rint((time - time[0]) * (float(rate) / NS_PER_S)).astype(np.int64)
+    exact = np.asarray(time[0] + tick_times_ns(numbers, 1 / rate))
+    return time if np.abs(exact - time).max() <= _ROUNDING_NS else exact

@@ -1,12 +1,16 @@
 """The documents of a store, and where its arrays lie: in a folder, or in a zip."""
 
-import json
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
 
 from exumi_converters.zarr2_files.chunks import Chunks, FolderChunks, ZipChunks, ZipFile
-from exumi_converters.zarr2_files.metadata import MAX_DOCUMENT, ArrayMeta, parse_array
+from exumi_converters.zarr2_files.metadata import (
+    MAX_DOCUMENT,
+    ArrayMeta,
+    load_json,
+    parse_array,
+)
 from exumi_converters.zarr2_files.zip_index import Member, ZipIndex, is_zip, read_index, read_member
 from exumi_data.errors import ExumiError, LimitError, SourceError
 from exumi_data.store.access import FolderStore
@@ -67,7 +71,7 @@ class Documents(ABC):
         """Return the root's ``.zattrs``; empty where it is damaged."""
         try:
             raw = self.read(".zattrs") or b"{}"
-            value = json.loads(raw) if len(raw) <= 32 * MAX_DOCUMENT else {}
+            value = load_json(raw) if len(raw) <= 32 * MAX_DOCUMENT else {}
         except (ExumiError, ValueError, RecursionError):
             value = {}
         return value if isinstance(value, dict) else {}

@@ -12,7 +12,7 @@ import numpy as np
 from exumi_converters.zarr2_files.chunk_codecs import check_codec, check_filters
 from exumi_data.errors import LimitError, SourceError, UnsupportedError
 
-__all__ = ["MAX_CHUNK", "MAX_DOCUMENT", "MAX_ROWS", "ArrayMeta", "parse_array"]
+__all__ = ["MAX_CHUNK", "MAX_DOCUMENT", "MAX_ROWS", "ArrayMeta", "load_json", "parse_array"]
 
 MAX_DOCUMENT = 1 << 20
 """Most bytes of a ``.zarray``."""
@@ -98,7 +98,7 @@ def parse_array(raw: bytes, path: str, where: object) -> ArrayMeta:
         It is damaged, is of a kind that is not read, or asks for too much memory.
     """
     try:
-        document: Any = json.loads(raw) if len(raw) <= MAX_DOCUMENT else None
+        document = load_json(raw) if len(raw) <= MAX_DOCUMENT else None
         dtype = document["dtype"]
         if document["zarr_format"] != 2 or not isinstance(dtype, str):
             raise KeyError("zarr_format or dtype")
@@ -121,6 +121,19 @@ def parse_array(raw: bytes, path: str, where: object) -> ArrayMeta:
         ) from None
     _check(meta, dtype, where)
     return meta
+
+
+def load_json(raw: bytes) -> Any:
+    """Return JSON values, among which no number is infinite or none.
+
+    Raises
+    ------
+    ValueError, RecursionError
+        It is none.
+    """
+    value = json.loads(raw)
+    json.dumps(value, allow_nan=False)  # Python's reader takes NaN and 1e999 for numbers
+    return value
 
 
 def _numbers(value: object) -> tuple[int, ...]:

@@ -111,6 +111,49 @@ def test_timestamps_in_any_unit(unit: str, dated: bool, tmp_path: Path) -> None:
         assert str(found.metadata.start).startswith("2026-02-")
 
 
+@pytest.mark.parametrize("stamps", ["seconds", "milliseconds"])
+def test_rounded_stamps_of_a_rate_are_its_times(stamps: str, tmp_path: Path) -> None:
+    number = np.delete(np.arange(13), 4)
+    given = 1.77e9 + number / 30
+    if stamps == "milliseconds":
+        given = np.round(number * 1000 / 30).astype(np.int64)
+    found = first(write_store(tmp_path / "a.zarr", {**episode(), "timestamps": given}))
+    np.testing.assert_array_equal(found["rgb"].time, np.round(number / 30 * NS))
+    assert found["rgb"].metadata.clock.stamp_point == "nominal_rate"
+    assert [(gap.after, gap.lost) for gap in found["rgb"].metadata.gaps or []] == [(3, 1)]
+
+
+@pytest.mark.parametrize("value", ["null", "[]", "{}", "1e999", "9" * 400, '"x"', "true"])
+def test_a_mark_that_makes_no_sense_is_passed_over(value: str, tmp_path: Path) -> None:
+    cells = group(12, np.ones((12, 1, 4, 5), np.float32), name="pad", areas=(3,), kind="state")
+    path = write_store(tmp_path / "a.zarr", {**episode(), **cells})
+    keys = (
+        "turned_about_z_deg",
+        "parent",
+        "child",
+        "unit",
+        "streams",
+        "components",
+        "offset",
+        "sign",
+    )
+    about = "{" + ", ".join(f'"{key}": {value}' for key in keys) + "}"
+    arrays = ("right_wrist_pose", "right_hand_joints", "timestamps", "right_tactile_data_pad")
+    marked = ", ".join(f'"{array}": {about}' for array in arrays)
+    told = f'{{"exumi": {{"exporter": "oxt/1", "task": {value}, "arrays": {{{marked}}}}}}}'
+    (path / ".zattrs").write_text(told)
+    assert {"pose", "tactile_left"} < set(first(path, gripper="m").streams)
+
+
+def test_ends_of_which_none_makes_sense(tmp_path: Path) -> None:
+    path = write_store(tmp_path / "a.zarr", episode(10))
+    root = zarr.open_group(str(path), zarr_format=2)
+    ends: Any = root["meta/episode_ends"]
+    ends[:] = [-5]
+    with pytest.raises(SourceError, match=r"no episode has its rows; .* rows 0 to -5"):
+        plan_conversion(path, from_format="oxt")
+
+
 def test_numbers_of_steps_need_a_rate(tmp_path: Path) -> None:
     path = write_store(tmp_path / "a.zarr", {**episode(), "timestamps": np.arange(12)})
     with pytest.raises(SourceError, match=r"nothing says how many a second.*--rate 30"):

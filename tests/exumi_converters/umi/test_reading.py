@@ -481,6 +481,7 @@ def test_names_that_cannot_be_written_down_are_left_out(tmp_path: Path, run: Run
         {"filters": "delta"},
         {"filters": [None]},
         {"filters": {"id": "delta"}},
+        {"compressor": {"id": "zstd", "level": float("nan")}},
     ],
 )
 def test_a_codec_that_is_none_leaves_its_array_out(tmp_path: Path, changes: dict[str, Any]) -> None:
