@@ -110,7 +110,7 @@ def _result(report: "ConversionReport | PrepareReport") -> Iterator[str]:
     for flag in report.flagged:
         codes.setdefault((flag.severity, flag.code), []).append(flag)
     for (severity, code), flags in sorted(codes.items(), reverse=True):
-        yield f"{severity} {code}: {_count(len(flags))}"
+        yield f"{severity} {code}: {_count(len({flag.name for flag in flags}))}"
         for flag in flags[:_NAMES_SHOWN]:
             yield f"  {flag.name}: {flag.message}"
         if len(flags) > _NAMES_SHOWN:

@@ -136,9 +136,11 @@ def _collect(
             stamps, _ = strictly_increasing(read_stamps(piece.chunk.table) - epoch_ns)
             with VideoDecoder(str(video), video) as decoder:
                 for stamp, frame in zip(stamps.tolist(), decoder.frames(), strict=False):
+                    if stamp > span[1]:
+                        break
                     last = frames.time_ns[-1] if frames.time_ns else -(1 << 62)
                     # A repeated frame was nudged by a nanosecond: it tells nothing new.
-                    if not span[0] <= stamp <= span[1] or stamp - last < 1000:
+                    if stamp < span[0] or stamp - last < 1000:
                         continue
                     grey = _small(pixels.grey(frame))
                     if frames.grey and grey.shape != frames.grey[0].shape:

@@ -11,6 +11,8 @@ import pytest
 
 from exumi_converters import ConvertOptions, plan_conversion
 from exumi_converters.exumi_session.camera_clock import infer_zone_s, stated_zone_s
+from exumi_data.cli.options import Format
+from exumi_data.cli.run_report import finish
 from exumi_data.errors import SourceError, UsageError
 from exumi_data.simulation.demonstrations import simulate_demonstrations
 from exumi_data.simulation.gopro import SimulatedGoPro
@@ -356,3 +358,14 @@ def test_how_large_a_decoded_session_will_be(small: HubSession, tmp_path: Path) 
     run(small.root, tmp_path / "out", decode="yes")
     written = sum(path.stat().st_size for path in (tmp_path / "out").rglob("*") if path.is_file())
     assert 2 * sizes["no"] < written < 2 * sizes["yes"] < 12 * written
+
+
+def test_two_notes_of_one_episode_are_of_one_episode(
+    small_converted: Converted, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report, dataset = small_converted
+    finish(report, output=Format.TEXT, quiet=True, keep_going=False)
+    said = capsys.readouterr().out
+    notes = [flag.name for flag in report.flagged if flag.code == "repeated-frames"]
+    assert len(notes) > len(set(notes))  # both fingers
+    assert f"info repeated-frames: {len(dataset)} episodes" in said
