@@ -98,7 +98,7 @@ def parse_array(raw: bytes, path: str, where: object) -> ArrayMeta:
         It is damaged, is of a kind that is not read, or asks for too much memory.
     """
     try:
-        document = load_json(raw) if len(raw) <= MAX_DOCUMENT else None
+        document: Any = load_json(raw) if len(raw) <= MAX_DOCUMENT else None
         dtype = document["dtype"]
         if document["zarr_format"] != 2 or not isinstance(dtype, str):
             raise KeyError("zarr_format or dtype")
