@@ -1,6 +1,7 @@
 """When everything of a session was: places of clips, and how late poses and frames were stamped."""
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,6 +25,7 @@ from exumi_converters.exumi_session.options import SessionOptions
 from exumi_converters.exumi_session.touch_latency import grasps, touch_late
 from exumi_data.clips.clip import Clip
 from exumi_data.clips.markers import MarkerSettings
+from exumi_data.engine import default_workers
 from exumi_data.errors import UsageError
 from exumi_data.model.calibration import Intrinsics
 from exumi_data.synchronisation.matching import Candidate, CommonClock, Match, match_clips
@@ -131,6 +133,26 @@ def find_timing(
     found = SessionTiming()
     clock = _stated_clock(told, clips, calibration, options, found)
     settings = marker_settings(options)
+    # Decoding leaves the interpreter free: fingers are looked at while the clips are.
+    with ThreadPoolExecutor(default_workers()) as pool:
+        fingers = {side: pool.submit(_finger_latency, told, side) for side in told.hub.fingers}
+        _time_clips(told, clips, calibration, cameras, camera, settings, clock, options, found)
+        found.fingers = {side: late.result() for side, late in fingers.items()}
+    return found
+
+
+def _time_clips(  # noqa: PLR0913, PLR0917  # what was found of each kind
+    told: Told,
+    clips: Mapping[str, Clip],
+    calibration: Mapping[str, Clip],
+    cameras: Mapping[str, str | None],
+    camera: Intrinsics,
+    settings: MarkerSettings,
+    clock: CommonClock | None,
+    options: SessionOptions,
+    found: SessionTiming,
+) -> None:
+    """Find out where every clip belongs, and how late poses are."""
     seen: dict[str, tuple[Seen, Placement]] = {}
     for name, clip in calibration.items():
         shown = look_at(clip.path, camera, settings)
@@ -144,17 +166,19 @@ def find_timing(
         own = {n: clip for n, clip in everything.items() if (cameras.get(n) or "") == serial}
         _place_all(told, own, seen, clips, clock, options, found)
     _pose_latency(told, seen, options, found)
-    for side, chunks in told.hub.fingers.items():
-        found.fingers[side] = Late()
-        spans = grasps(told.session.width_ns, told.widths_m)
-        late = touch_late(chunks, spans, told.epoch_ns, told.session.width_ns, told.widths_m)
-        if late is not None:
-            found.fingers[side] = Late(
-                round(late.offset_s * _NS),
-                round(late.sigma_s * _NS),
-                f"{late.method}: {late.n_events} grasps of the session against the encoder",
-            )
-    return found
+
+
+def _finger_latency(told: Told, side: str) -> Late:
+    spans = grasps(told.session.width_ns, told.widths_m)
+    chunks, width_ns = told.hub.fingers[side], told.session.width_ns
+    late = touch_late(chunks, spans, told.epoch_ns, width_ns, told.widths_m)
+    if late is None:
+        return Late()
+    return Late(
+        round(late.offset_s * _NS),
+        round(late.sigma_s * _NS),
+        f"{late.method}: {late.n_events} grasps of the session against the encoder",
+    )
 
 
 def marker_settings(options: SessionOptions) -> MarkerSettings:
