@@ -30,6 +30,16 @@ def test_it_is_valid(converted: Converted) -> None:
     assert [problem.message for problem in report.problems] == []
 
 
+def test_poses_as_the_hub_sampled_them(whole: HubSession, converted: Converted) -> None:
+    for episode in converted[1]:
+        pose = episode["pose"]
+        true = whole.truth.pose(session_s(episode, whole, np.asarray(pose.time)))
+        found = np.asarray(pose.data)
+        assert np.linalg.norm(found[:, :3] - true[:, :3], axis=1).max() < 1e-3
+        turn = Rotation.from_quat(found[:, 3:]).inv() * Rotation.from_quat(true[:, 3:])
+        assert np.percentile(np.degrees(turn.magnitude()), 95) < 0.2
+
+
 def pose_errors(episode: Episode, whole: HubSession) -> tuple[np.ndarray, np.ndarray]:
     """Millimetres and degrees by which the poses are off at the camera's frames."""
     pose = episode["pose"]
