@@ -10,13 +10,12 @@ from exumi_data.catalog import episode_path
 from exumi_data.episode import open_episode
 from exumi_data.store.files import claim_folder, replace_folder, sync_tree
 from exumi_data.store.pack import pack_store
+from exumi_data.store.stream_copy import copy_file
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
 
 __all__ = ["Chosen", "chosen_of", "copy_episode", "copy_episodes"]
-
-_PIECE = 4 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,19 +118,11 @@ def copy_episode(source: Path, target: Path) -> None:
         claim = claim_folder(partial)
         try:
             for member in episode.store.paths():
-                _copy(episode.store, member, partial / member)
+                copy_file(episode.store, member, partial / member)
             sync_tree(partial)
             replace_folder(partial, target)
         finally:
             os.close(claim)
-
-
-def _copy(store: Any, member: str, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    size = store.size(member)
-    with target.open("xb") as file:
-        for start in range(0, size, _PIECE):
-            file.write(store.read_range(member, start, min(_PIECE, size - start)))
 
 
 def _is_there(target: Path, one: Chosen) -> bool:

@@ -18,7 +18,7 @@ from exumi_data.model.streams import StreamModel, images_of
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.shards import ArrayReader, open_array
 
-__all__ = ["BESIDE_TIME", "Stretch", "cut_annotations", "cut_gaps", "cut_stream"]
+__all__ = ["BESIDE_TIME", "Stretch", "cut_annotations", "cut_gaps", "cut_stream", "samples_in"]
 
 BESIDE_TIME = ("time_host", "time_device", "sequence", "flags")
 """Arrays that any stream may have, one value a sample."""
@@ -75,14 +75,8 @@ def cut_stream(session: Episode, name: str, writer: EpisodeWriter, stretch: Stre
     """
     view = session[name]
     _refuse_unknown(view, session)
-    first, last = np.searchsorted(view.time, [stretch.first_ns, stretch.stop_ns]).tolist()
+    first, last = samples_in(view, stretch)
     images = images_of(view.metadata)
-    if isinstance(images, VideoImages):
-        files = view.array("file")
-        edges = files[[first, last - 1]] if last > first else files[:0]
-        if len(edges):
-            first = int(np.searchsorted(files, edges[0]))
-            last = int(np.searchsorted(files, edges[1], side="right"))
     fields = {
         key: getattr(view.metadata, key) for key in view.metadata.model_fields_set - _REPLACED
     }
@@ -100,7 +94,28 @@ def cut_stream(session: Episode, name: str, writer: EpisodeWriter, stretch: Stre
     else:
         _append_samples(session, view, stream, slice(first, last), stretch.origin_ns)
     _carry_whole(view, stream, first, last)
-    return int(last - first)
+    return last - first
+
+
+def samples_in(view: StreamView, stretch: Stretch) -> tuple[int, int]:
+    """Return which samples of a stream are taken over: of video files, all or none.
+
+    Parameters
+    ----------
+    view : StreamView
+    stretch : Stretch
+
+    Returns
+    -------
+    first, last : int
+        `last` is outside.
+    """
+    first, last = np.searchsorted(view.time, [stretch.first_ns, stretch.stop_ns]).tolist()
+    if isinstance(images_of(view.metadata), VideoImages) and last > first:
+        files = view.array("file")
+        first = np.searchsorted(files, files[first])
+        last = np.searchsorted(files, files[last - 1], side="right")
+    return int(first), int(last)
 
 
 def _append_samples(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from exumi_data.editing.cutting import Stretch, cut_annotations, cut_stream
+from exumi_data.editing.cutting import Stretch, cut_annotations, cut_stream, samples_in
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import UsageError
 from exumi_data.model.description import LossyStep
@@ -83,7 +83,7 @@ def trim_episode(
     """
     with open_episode(path) as episode:
         stretch = _stretch(start_s, end_s)
-        ranges = {name: _range(episode, name, stretch) for name in episode}
+        ranges = {name: samples_in(episode[name], stretch) for name in episode}
         kept = {name: (b - a, len(episode[name])) for name, (a, b) in ranges.items()}
         if not any(count for count, _ in kept.values()):
             raise UsageError("nothing would be left", where=path, fix=_ends(episode))
@@ -123,17 +123,6 @@ def _ends(episode: Episode) -> str:
         return "It has no samples."
     first, last = min(int(t[0]) for t in times), max(int(t[1]) for t in times)
     return f"Its samples are from {first * 1e-9:.3f} s to {last * 1e-9:.3f} s."
-
-
-def _range(episode: Episode, name: str, stretch: Stretch) -> tuple[int, int]:
-    """Return the first sample of a stream that stays, and the first one after."""
-    view = episode[name]
-    first, last = np.searchsorted(view.time, [stretch.first_ns, stretch.stop_ns]).tolist()
-    if _is_video(episode, name) and last > first:
-        files = view.array("file")
-        first = int(np.searchsorted(files, files[first]))
-        last = int(np.searchsorted(files, files[last - 1], side="right"))
-    return int(first), int(last)
 
 
 def _write(

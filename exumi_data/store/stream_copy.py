@@ -9,7 +9,7 @@ from exumi_data.model.streams import StreamModel
 from exumi_data.store.access import Store
 from exumi_data.store.shards import ArrayWriter
 
-__all__ = ["CopiedStream", "copy_files", "write_array"]
+__all__ = ["CopiedStream", "copy_file", "copy_files", "write_array"]
 
 _PIECE = 4 << 20
 
@@ -82,7 +82,7 @@ def copy_files(store: Store, path: str, folder: Path, without: Collection[str] =
     prefix = f"{path}/"
     members = {member for member in store.paths() if member.startswith(prefix)}
     for member in sorted(_less(members, without)):
-        _copy(store, member, folder / member.removeprefix(prefix))
+        copy_file(store, member, folder / member.removeprefix(prefix))
 
 
 def _less(members: set[str], without: Collection[str]) -> set[str]:
@@ -94,7 +94,22 @@ def _less(members: set[str], without: Collection[str]) -> set[str]:
     return kept
 
 
-def _copy(store: Store, member: str, target: Path) -> None:
+def copy_file(store: Store, member: str, target: Path) -> None:
+    """Copy one file of an episode, piece by piece.
+
+    Parameters
+    ----------
+    store : Store
+    member : str
+        Its path in the episode.
+    target : pathlib.Path
+        A new file; folders above it are made.
+
+    Raises
+    ------
+    DamagedDataError
+        It is cut short.
+    """
     target.parent.mkdir(parents=True, exist_ok=True)
     size = store.size(member)
     with target.open("xb") as file:

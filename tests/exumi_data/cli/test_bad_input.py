@@ -176,7 +176,7 @@ def refused_after_title(done: subprocess.CompletedProcess[str]) -> str:
     return done.stderr
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full")
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, which is always full")
 def test_a_full_disk_is_said_with_what_to_do(capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(typer.Exit) as ended, reported(), Path("/dev/full").open("wb") as full:
         full.write(b"x" * 100_000)

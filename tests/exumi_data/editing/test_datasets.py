@@ -24,6 +24,7 @@ from exumi_data.model.dataset import SplitDocument
 from exumi_data.model.description import Annotations
 from exumi_data.splits import make_split
 from exumi_data.store.pack import pack
+from exumi_data.store.stream_copy import copy_file
 from exumi_validators import validate
 from tests.exumi_data.builders import episode_id, write_dataset
 
@@ -120,7 +121,7 @@ def test_a_copy_that_fails_leaves_no_episode(
     dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     copy = write_dataset(tmp_path / "copy", 0)
-    real, count = copying._copy, [0]
+    real, count = copy_file, [0]
 
     def fail(*arguments: object) -> None:
         count[0] += 1
@@ -128,7 +129,7 @@ def test_a_copy_that_fails_leaves_no_episode(
             raise OSError(28, "No space left on device")
         real(*arguments)  # type: ignore[arg-type]  # passed on as they are
 
-    monkeypatch.setattr(copying, "_copy", fail)
+    monkeypatch.setattr(copying, "copy_file", fail)
     with pytest.raises(OSError, match="No space"):
         copy_episodes(chosen_of(dataset), copy)
     there = list_episodes(copy)
