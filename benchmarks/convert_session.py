@@ -107,6 +107,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--minutes", type=float, default=5.0)
+    parser.add_argument("--decoded", type=int, default=2, help="demonstrations that are decoded")
     parser.add_argument("--hour", action="store_true")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
@@ -114,6 +115,7 @@ def main() -> None:
     workers = len(os.sched_getaffinity(0))
     work: Path = arguments.work
     minutes: float = arguments.minutes
+    demonstrations: int = arguments.decoded
     results: dict[str, Any] = {"machine": machine, "workers": workers}
     fingers = {"seconds": 10.0, "tactile_size": (480, 640)}
     source, length = simulate(
@@ -128,9 +130,9 @@ def main() -> None:
         kept["times_real_time"] = round(length / kept["seconds"], 1)
         results[f"kept_{count}_workers"] = kept
     scene = {"rgb_size": (2028, 2704), "rgb_rate": Fraction(30_000, 1001), "textured": True}
-    film = {"codec": "libx265", "bit_rate": 60_000_000, "sweep_s": 0.0}
+    film = {"codec": "libx265", "bit_rate": 60_000_000, "sweep_s": 0.0, "seconds": 4.0}
     source, _ = simulate(
-        work / "decoded", 2, {**fingers, **scene, **film, "seconds": 4.0}, fill=False
+        work / f"decoded-{demonstrations}", demonstrations, {**fingers, **scene, **film}, fill=False
     )
     alone, alone_cpu = decode_only(source)
     results["decode_only_frames_per_s"] = round(alone, 1)

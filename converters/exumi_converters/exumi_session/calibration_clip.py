@@ -6,6 +6,7 @@ how late the camera is against the encoder.
 """
 
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exumi_converters.exumi_session.hub import PoseSession
+from exumi_data.ahead import ahead
 from exumi_data.clips.frames import clip_frames, clip_size, fitting
 from exumi_data.clips.markers import MarkerSettings
 from exumi_data.clips.sweeps import first_sweep
@@ -127,17 +129,20 @@ def look_at(path: Path, camera: Intrinsics, settings: MarkerSettings) -> Seen:
         How it was filmed; for frames of this shape.
     settings : MarkerSettings
     """
-    frames = _Watched(clip_frames(path, threads=default_workers(), apart_ns=_APART_NS))
-    looked = iter(frames)
-    try:
-        fitted = fitting(camera, *clip_size(path), path)
-        marker = first_sweep(looked, fitted, settings)
-        for time_ns, _ in looked:
-            if time_ns > _LOOK_NS:
-                break
-    except (ExumiError, ValueError, OSError) as error:
-        marker = f"its frames do not help: {error}"
-    return Seen(marker, frames.motion)
+    # The next frames are decoded while the marker is looked for in one.
+    decoded = ahead(clip_frames(path, threads=default_workers(), apart_ns=_APART_NS))
+    with closing(decoded):
+        frames = _Watched(decoded)
+        looked = iter(frames)
+        try:
+            fitted = fitting(camera, *clip_size(path), path)
+            marker = first_sweep(looked, fitted, settings)
+            for time_ns, _ in looked:
+                if time_ns > _LOOK_NS:
+                    break
+        except (ExumiError, ValueError, OSError) as error:
+            marker = f"its frames do not help: {error}"
+        return Seen(marker, frames.motion)
 
 
 def place_calibration(session: PoseSession, seen: Seen) -> Placement | str:

@@ -41,7 +41,6 @@ Float64Array = NDArray[np.float64]
 
 _SIDES: tuple[Finger, ...] = ("left", "right")
 _SAVE_S = 5.0
-_NOISE_M, _NOISE_RAD = 1.5e-4, 8e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +62,8 @@ class HubSettings:
         By how much the camera's clock runs fast.
     pose_latency_s, pose_jitter_s : float
         How old poses are when the hub stamps them, and how much that varies.
+    pose_noise_m, pose_noise_rad : float
+        Of the tracker, along and about each axis: standard deviation.
     tactile_latency_s : (float, float)
         The same of the two fingers; the hub stamps a frame before it asks for it.
     rate_hz : float
@@ -98,6 +99,8 @@ class HubSettings:
     drift_ppm: float = 12.0
     pose_latency_s: float = 0.062
     pose_jitter_s: float = 5e-4
+    pose_noise_m: float = 1.5e-4
+    pose_noise_rad: float = 8e-4
     tactile_latency_s: tuple[float, float] = (0.031, 0.019)
     rate_hz: float = 30.0
     tactile_size: tuple[int, int] = (240, 320)
@@ -256,8 +259,8 @@ class _Writer:
         stamp = self._stamps(3)
         age = settings.pose_latency_s + rng.normal(0.0, settings.pose_jitter_s, len(stamp))
         poses = truth.pose(stamp - age)
-        poses[:, :3] += rng.normal(0.0, _NOISE_M, (len(stamp), 3))
-        noise = Rotation.from_rotvec(rng.normal(0.0, _NOISE_RAD, (len(stamp), 3)))
+        poses[:, :3] += rng.normal(0.0, settings.pose_noise_m, (len(stamp), 3))
+        noise = Rotation.from_rotvec(rng.normal(0.0, settings.pose_noise_rad, (len(stamp), 3)))
         # As SciPy gives them on the hub: the sign is whatever comes of it.
         poses[:, 3:] = Rotation.from_matrix(
             (Rotation.from_quat(poses[:, 3:]) * noise).as_matrix()

@@ -25,9 +25,9 @@ from exumi_recorders.finalise.clocks import epoch_of
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.events import EventSummary, read_events
 from exumi_recorders.finalise.headers import read_header
-from exumi_recorders.finalise.pipeline import synced_early
 from exumi_recorders.finalise.rows import payload_bytes_of
 from exumi_recorders.finalise.streams import finish_stream
+from exumi_recorders.finalise.sync_early import synced_early
 from exumi_recorders.finalise.touch import SESSION_REFERENCE
 from exumi_recorders.finalise.verify import verify
 from exumi_recorders.journal.header import (

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from exumi_data.ahead import ahead
 from exumi_data.model.description import LossyStep
 from exumi_data.time import parse_rate
 from exumi_recorders.contract import Rows
@@ -10,7 +11,6 @@ from exumi_recorders.finalise.columns import Columns
 from exumi_recorders.finalise.context import Context
 from exumi_recorders.finalise.files import write_files
 from exumi_recorders.finalise.losses import MOST_GAPS, Losses
-from exumi_recorders.finalise.pipeline import ahead
 from exumi_recorders.finalise.rows import write_rows
 from exumi_recorders.journal.header import StreamHeader, port_of
 from exumi_recorders.journal.reading import Damage, LogReader
