@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from exumi_data.wording import size_text, time_text
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -31,7 +33,6 @@ __all__ = [
 Update = Callable[[int, int | None, str], None]
 
 _WIDTH_OF_A_FILE = 140
-_STEP = 1024
 
 
 def _console(*, stderr: bool) -> "Console":
@@ -173,26 +174,3 @@ def progress_of(what: str, *, quiet: bool) -> Iterator[Update]:
     with Progress(*columns, console=error_console(), transient=True) as bar:
         task = bar.add_task(what, total=None, note="")
         yield lambda done, total, note: bar.update(task, completed=done, total=total, note=note)
-
-
-def size_text(size: float) -> str:
-    """Write a number of bytes for people, such as ``3.4 MiB``."""
-    for unit in ("B", "KiB", "MiB", "GiB"):
-        if abs(size) < _STEP:
-            return f"{size:.0f} B" if unit == "B" else f"{size:.1f} {unit}"
-        size /= _STEP
-    return f"{size:.1f} TiB"
-
-
-def time_text(seconds: float) -> str:
-    """Write a duration for people, such as ``1.2 ms``, ``5.04 s`` or ``2 h 05 min``."""
-    if seconds < 1e-3:
-        return f"{seconds * 1e6:.0f} µs"
-    if seconds < 1:
-        return f"{seconds * 1e3:.1f} ms"
-    if seconds < 60:
-        return f"{seconds:.2f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {rest:02d} s"
-    return f"{minutes // 60} h {minutes % 60:02d} min"

@@ -1,6 +1,7 @@
 """``exumi stats``."""
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,7 +13,9 @@ from exumi_data.cli.options import (
     QuietOption,
     WorkersOption,
     epilog,
+    given_path,
 )
+from exumi_data.cli.stats_html import PageLevel, make_page
 
 __all__ = ["EPILOG", "run"]
 
@@ -20,10 +23,12 @@ EPILOG = epilog(
     "exumi stats my-dataset",
     "exumi stats my-dataset --require tactile_left --require pose",
     "exumi stats my-dataset --format json > statistics.json",
+    "exumi stats my-dataset --html my-dataset.html",
+    "exumi stats my-dataset --html my-dataset.html --level arrays",
 )
 
 
-def run(
+def run(  # options of the command line
     path: DataArgument,
     require: Annotated[
         list[str] | None,
@@ -36,21 +41,51 @@ def run(
         float | None,
         typer.Option(help="Seconds between ticks of the common timeline. Default: 3/59.94."),
     ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            parser=given_path,
+            metavar="FILE",
+            help="Validate and look at frames, too, and write a page for the browser: one file "
+            "that needs no network.",
+        ),
+    ] = None,
+    level: Annotated[
+        PageLevel | None,
+        typer.Option(
+            help="With --html: how far to validate, as exumi validate has it, by the standard "
+            "alone. Default: data, which decodes every frame."
+        ),
+    ] = None,
     output: FormatOption = Format.TEXT,
     workers: WorkersOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Measure a dataset: rates, gaps, touch, usable time, labels, sizes.
 
-    Reads times and stored activity, decodes no frame. Exit code 1 if an episode could not be read.
+    Reads times and stored activity, decodes no frame (but for --html). Exit code 1 if an episode
+    could not be read.
     """
     import exumi_data
     from exumi_data.cli.failures import FOUND_WRONG
-    from exumi_data.cli.output import print_json, progress_of, result_console
+    from exumi_data.cli.output import (
+        print_json,
+        printable,
+        progress_of,
+        result_console,
+        size_text,
+    )
+    from exumi_data.errors import UsageError
     from exumi_data.stats import measure
     from exumi_data.ticks import DEFAULT_TICK_S
 
+    if level is not None and html is None:
+        raise UsageError("--level belongs to --html", fix="Add --html FILE.")
     source = exumi_data.open(path)
+    if html is not None:
+        from exumi_data.stats.html import check_target
+
+        check_target(html, path)
     total = 1 if isinstance(source, exumi_data.Episode) else len(source)
     with progress_of("Measuring", quiet=quiet) as update:
         update(0, total, "")
@@ -61,8 +96,14 @@ def run(
             workers=workers,
             on_done=lambda done: update(done, total, ""),
         )
+    size = 0
+    if html is not None:
+        chosen = level or PageLevel.DATA
+        size = make_page(source, statistics, html, level=chosen, workers=workers, quiet=quiet)
     if output is Format.JSON:
         print_json(asdict(statistics))
+    elif html is not None:
+        print(printable(f"{html}: {statistics.episodes:,} episodes, {size_text(size)}"))
     else:
         from exumi_data.cli.stats_text import print_statistics
 

@@ -23,7 +23,7 @@ from exumi_data.demo.look import (
 )
 from exumi_data.demo.story import Moment
 from exumi_data.episode import Episode
-from exumi_data.tactile import representation, to_grey
+from exumi_data.tactile import paint_change
 from exumi_data.time import nearest_indices
 
 __all__ = ["draw_moments"]
@@ -104,10 +104,4 @@ def _change(episode: Episode, stream: str, index: int) -> UInt8Array:
     reference = episode[stream].reference
     assert reference is not None  # noqa: S101  # the demonstration stores one
     grey = episode[stream].frames.read([index], grey=True)[0, ..., 0]
-    _, convex, concave = representation(grey, to_grey(reference))
-    ground = np.array(PANEL, np.float32)
-    picture = ground + np.zeros((*grey.shape, 3), np.float32)
-    for channel, color in ((convex, CONVEX), (concave, CONCAVE)):
-        # A dark ground swallows the middle of a channel, so that is lifted; 0 and 1 stay.
-        picture += channel[..., None] ** 0.85 * (np.array(color, np.float32) - ground)
-    return np.clip(np.round(picture), 0, 255).astype(np.uint8)
+    return paint_change(grey, reference, ground=PANEL, brighter=CONVEX, darker=CONCAVE)

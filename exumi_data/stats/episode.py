@@ -15,7 +15,7 @@ from exumi_data.tactile.activity import ACTIVE_THRESHOLD
 from exumi_data.ticks import image_tolerance_ns, max_gap_ns, tick_times_ns
 from exumi_data.time import RateStatistics, bracket_indices, nearest_indices, rate_statistics
 
-__all__ = ["EpisodeMeasure", "StreamMeasure", "measure_episode"]
+__all__ = ["EpisodeMeasure", "StreamMeasure", "active_above", "measure_episode"]
 
 _MAX_TICKS = 20_000_000
 _TIME_LIMIT_NS = 2**62
@@ -188,7 +188,15 @@ def _valid_at(stream: StreamView, time: Times, ticks: Times, tick_s: Fraction) -
     return bracket_indices(time, ticks, max_gap_ns(time)).valid
 
 
-def _active_above(episode: Episode, name: str) -> float:
+def active_above(episode: Episode, name: str) -> float:
+    """Return above which activity a frame of a tactile stream is active.
+
+    Parameters
+    ----------
+    episode : Episode
+    name : str
+        Of the stream.
+    """
     item = episode.derived.items.get(f"{name}/activity") if episode.derived else None
     above = item.parameters.get("active_above") if item else None
     return float(above) if isinstance(above, int | float) else ACTIVE_THRESHOLD
@@ -199,7 +207,7 @@ def _active(episode: Episode, stream: StreamView) -> Mask | None:
     activity = stream.activity
     if activity is None:
         return None
-    return np.asarray(activity > _active_above(episode, stream.name))
+    return np.asarray(activity > active_above(episode, stream.name))
 
 
 def _tactile_union(
@@ -248,7 +256,7 @@ def _stream(
         rate=rate_statistics(time),
         declared_gaps=len(meta.gaps or []),
         lost=dict(meta.lost or {}),
-        active_above=None if active is None else _active_above(episode, stream.name),
+        active_above=None if active is None else active_above(episode, stream.name),
         active=None if active is None else int(active.sum()),
         bytes=size,
         usable=usable,

@@ -14,10 +14,12 @@ from exumi_data.tactile.activity import (
     ACTIVITY_SIZE,
     PIXEL_THRESHOLD,
     ActivityMeter,
+    active_pixels,
 )
 from exumi_data.tactile.combined import Combiner, combined_scale
 from exumi_data.tactile.fingers import pattern_difference, resembled_finger
 from exumi_data.tactile.images import REPRESENTATION_GAIN, representation, to_grey
+from exumi_data.tactile.painting import paint_change
 from exumi_data.tactile.rectification import PixelMap, Rectifier, read_ninedtact
 from exumi_data.tactile.reference import (
     REFERENCE_METHOD,
@@ -42,9 +44,11 @@ __all__ = [
     "PixelMap",
     "Rectifier",
     "ReferenceChoice",
+    "active_pixels",
     "choose_reference",
     "combined_scale",
     "difference_energy",
+    "paint_change",
     "pattern_difference",
     "read_ninedtact",
     "reference_image",

@@ -16,6 +16,7 @@ __all__ = [
     "ACTIVITY_SIZE",
     "PIXEL_THRESHOLD",
     "ActivityMeter",
+    "active_pixels",
 ]
 
 ACTIVITY_METHOD = "exumi-activity/1"
@@ -179,16 +180,55 @@ class _Blocks:
         return blocks[chosen // self._columns, :, chosen % self._columns]
 
 
-def _count_active(
+def active_pixels(
+    grey: UInt8Array,
+    reference: UInt8Array,
+    *,
+    threshold: float = PIXEL_THRESHOLD,
+    size: int = ACTIVITY_SIZE,
+) -> npt.NDArray[np.bool_]:
+    """Return which pixels are active: their share is the frame's activity.
+
+    Parameters
+    ----------
+    grey, reference
+        (H, W) uint8, of one size.
+    threshold
+        Grey levels.
+    size
+        Edge of the image that pixels are judged on.
+
+    Returns
+    -------
+    (size, size) bool
+
+    Raises
+    ------
+    ValueError
+        If shapes or dtypes do not fit.
+    """
+    check_pair(grey, reference)
+    above = _above(grey, reference, (size, size), threshold)
+    return np.asarray(above[..., 0] | above[..., 1])
+
+
+def _above(
     grey: UInt8Array, reference: UInt8Array, target: tuple[int, int], threshold: float
-) -> int:
-    """Count pixels of the `target` (height, width) image that either difference activates."""
+) -> npt.NDArray[np.bool_]:
+    """Return where each difference is above the threshold on the `target` image, (H, W, 2)."""
     import cv2
 
     differences = cv2.merge((cv2.subtract(grey, reference), cv2.subtract(reference, grey)))
     resized = cv2.resize(
         differences.astype(np.float32), (target[1], target[0]), interpolation=cv2.INTER_AREA
     )
+    return np.asarray(resized > np.float32(threshold))
+
+
+def _count_active(
+    grey: UInt8Array, reference: UInt8Array, target: tuple[int, int], threshold: float
+) -> int:
+    """Count pixels of the `target` (height, width) image that either difference activates."""
     # two booleans a pixel, read as one 16-bit number: not zero if either is true
-    either = (resized > np.float32(threshold)).view(np.uint16)
+    either = _above(grey, reference, target, threshold).view(np.uint16)
     return int(np.count_nonzero(either))

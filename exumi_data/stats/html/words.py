@@ -1,0 +1,90 @@
+"""Numbers and lists as words, the same all over the page."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from exumi_data.stats.html.markup import shortened
+
+__all__ = ["REGIMES", "counted", "listed", "named", "percent", "top"]
+
+REGIMES = {"touch": "touch clip", "play": "play episode", "demonstration": "demonstration"}
+
+
+def percent(share: float | None) -> str:
+    """Write a share; nothing but all of it is 100 %, nothing but none of it 0 %.
+
+    Parameters
+    ----------
+    share : float or None
+        0 to 1.
+    """
+    if share is None:
+        return "not known"
+    if 0 < share < 0.001:
+        return "< 0.1 %"
+    if 0.999 < share < 1:
+        return "> 99.9 %"
+    return f"{share:.0%}".replace("%", " %") if share in (0, 1) else f"{share * 100:.1f} %"
+
+
+def counted(number: int, what: str) -> str:
+    """Write a number of things: ``1 episode``, ``2,000 episodes``.
+
+    Parameters
+    ----------
+    number : int
+    what : str
+        The thing; an s makes it several.
+    """
+    return f"{number:,} {what}" if number == 1 else f"{number:,} {what}s"
+
+
+def named(values: Iterable[str], most: int = 3, longest: int = 40) -> str:
+    """List names in a sentence: ``a, b and 3 more``.
+
+    Parameters
+    ----------
+    values : iterable of str
+    most : int
+        Names that are listed.
+    longest : int
+        Characters of each.
+    """
+    found = [shortened(value, longest) for value in values]
+    shown, rest = found[:most], len(found) - most
+    if rest > 0:
+        return f"{', '.join(shown)} and {rest:,} more"
+    return listed(shown)
+
+
+def listed(words: Sequence[str]) -> str:
+    """Join words as a sentence does: ``a``, ``a and b``, ``a, b and c``.
+
+    Parameters
+    ----------
+    words : sequence of str
+    """
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def top(counts: Mapping[str, int], most: int) -> tuple[list[tuple[str, int]], int, int]:
+    """Return the largest counts, and of the others how many they are and their sum.
+
+    Those that do not say (the empty string) are in neither.
+
+    Parameters
+    ----------
+    counts : mapping of str to int
+    most : int
+
+    Returns
+    -------
+    (list of (str, int), int, int)
+    """
+    said = [(name, count) for name, count in counts.items() if name]
+    order = sorted(said, key=lambda item: (-item[1], item[0]))
+    if len(order) == most + 1:
+        most += 1  # a row for "1 more" would take the place of that one
+    rest = order[most:]
+    return order[:most], len(rest), sum(count for _, count in rest)
