@@ -19,6 +19,7 @@ from exumi_data.cli import (
     rig_group,
     stats,
     validate,
+    view,
 )
 from exumi_data.cli.failures import (
     ReportingGroup,
@@ -54,6 +55,7 @@ app.command("record", epilog=record.EPILOG)(record.run)
 app.command("recover", epilog=recover.EPILOG)(recover.run)
 app.command("validate", epilog=validate.EPILOG)(validate.run)
 app.command("stats", epilog=stats.EPILOG)(stats.run)
+app.command("view", epilog=view.EPILOG)(view.run)
 app.command("info", epilog=info.EPILOG)(info.run)
 
 

@@ -189,13 +189,13 @@ def _valid_at(stream: StreamView, time: Times, ticks: Times, tick_s: Fraction) -
 
 
 def active_above(episode: Episode, name: str) -> float:
-    """Return above which activity a frame of a tactile stream is active.
+    """Return the activity above which a tactile frame is active, as it was stored with it.
 
     Parameters
     ----------
     episode : Episode
     name : str
-        Of the stream.
+        Of the stream. Where nothing is stored, it is the standard's own threshold.
     """
     item = episode.derived.items.get(f"{name}/activity") if episode.derived else None
     above = item.parameters.get("active_above") if item else None
