@@ -3,7 +3,8 @@
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from exumi_data.catalog import list_episodes
@@ -16,10 +17,32 @@ from exumi_data.store.files import write_atomic
 from exumi_data.store.paths import check_member_path
 from exumi_data.store.plain_files import open_plain
 
-__all__ = ["MANIFEST_NAME", "build_manifest", "is_listed", "sha256_of", "write_manifest"]
+__all__ = [
+    "MANIFEST_NAME",
+    "Listed",
+    "build_manifest",
+    "is_listed",
+    "list_files",
+    "sha256_of",
+    "write_manifest",
+]
 
 MANIFEST_NAME = "manifest.json"
 _DEEPEST = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """What a manifest says of a packed episode.
+
+    Attributes
+    ----------
+    file : ManifestFile
+    episode : ManifestEpisode
+    """
+
+    file: ManifestFile
+    episode: ManifestEpisode
 
 
 def is_listed(path: str) -> bool:
@@ -56,7 +79,9 @@ def sha256_of(path: Path) -> tuple[str, int]:
             raise DamagedDataError(f"cannot be read ({error.strerror})", where=path) from error
 
 
-def build_manifest(root: str | os.PathLike[str]) -> Manifest:
+def build_manifest(
+    root: str | os.PathLike[str], known: Mapping[str, Listed] | None = None
+) -> Manifest:
     """Read a whole dataset and make its manifest; nothing is written.
 
     The same dataset gives the same manifest, wherever it lies.
@@ -65,6 +90,8 @@ def build_manifest(root: str | os.PathLike[str]) -> Manifest:
     ----------
     root : path-like
         The dataset's folder.
+    known : mapping of str to Listed, optional
+        Packed episodes by path that whoever asks has just written: they are not read again.
 
     Returns
     -------
@@ -85,19 +112,27 @@ def build_manifest(root: str | os.PathLike[str]) -> Manifest:
     >>> len(manifest.files)  # doctest: +SKIP
     1203
     """
-    folder = Path(root)
-    files = [_file(folder, path) for path in sorted(_paths(folder), key=str.encode)]
-    episodes = [_episode(folder, path) for path in list_episodes(folder)]
+    folder, there = Path(root), known or {}
+    files = [
+        there[path].file if path in there else _file(folder, path)
+        for path in sorted(list_files(folder), key=str.encode)
+    ]
+    episodes = [
+        there[path].episode if path in there else _episode(folder, path)
+        for path in list_episodes(folder)
+    ]
     return Manifest(files=files, episodes=episodes)
 
 
-def write_manifest(root: str | os.PathLike[str]) -> Path:
+def write_manifest(root: str | os.PathLike[str], known: Mapping[str, Listed] | None = None) -> Path:
     """Make the manifest of a dataset and write it, whole or not at all; an older one is replaced.
 
     Parameters
     ----------
     root : path-like
         The dataset's folder.
+    known : mapping of str to Listed, optional
+        See `build_manifest`.
 
     Returns
     -------
@@ -117,7 +152,7 @@ def write_manifest(root: str | os.PathLike[str]) -> Path:
     if target.is_symlink() or target.is_dir():
         what = "is a link" if target.is_symlink() else "is a folder"
         raise UsageError(f"{what}: it is not replaced", where=target, fix="Remove it first.")
-    document = dump(build_manifest(root))
+    document = dump(build_manifest(root, known))
     raw = (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode()
     parse_manifest(raw, target)  # what is too long for a reader is not written
     write_atomic(target, raw)
@@ -129,7 +164,24 @@ def _file(root: Path, path: str) -> ManifestFile:
     return ManifestFile(path=path, bytes=size, sha256=checksum)
 
 
-def _paths(root: Path) -> Iterator[str]:
+def list_files(root: Path) -> Iterator[str]:
+    """Walk over what a manifest of a dataset would list; what is no folder counts as a file.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+        The dataset.
+
+    Yields
+    ------
+    str
+        Paths relative to the dataset, in no order.
+
+    Raises
+    ------
+    DamagedDataError
+        A folder cannot be read, or a name is unsafe.
+    """
     pending = [("", 0)]
     while pending:
         folder, depth = pending.pop()

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping
 from hashlib import sha256
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from exumi_data.errors import UsageError
 from exumi_data.model.dataset import SPLIT_NAME, SplitDocument
@@ -11,7 +11,7 @@ from exumi_data.model.dataset import SPLIT_NAME, SplitDocument
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
 
-__all__ = ["make_split", "split_ids"]
+__all__ = ["Level", "leaks_of", "make_split", "split_ids"]
 
 Level = Literal["episode", "object", "part"]
 _COLUMNS = {"episode": "id", "object": "object_id", "part": "part_id"}
@@ -83,6 +83,42 @@ def make_split(
         method=f"hash order of {_COLUMNS[level]}, {':'.join(map(str, shares.values()))}",
         lists=found,
     )
+
+
+def leaks_of(split: SplitDocument, rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return what is in two lists of a split, or twice in one: episodes, objects or parts.
+
+    Parameters
+    ----------
+    split : SplitDocument
+    rows : mapping of str to mapping
+        Of each episode its ``object_id`` and ``part_id``; those that are not known are passed over.
+
+    Returns
+    -------
+    list of str
+        One line each.
+    """
+    column = _COLUMNS[split.level]
+    where: dict[str, set[str]] = {}
+    seen: dict[str, list[str]] = {}
+    for part, ids in split.lists.items():
+        for one in ids:
+            seen.setdefault(one, []).append(part)
+            key = one if column == "id" else rows.get(one, {}).get(column)
+            if key is not None:
+                where.setdefault(str(key), set()).add(part)
+    found = [
+        f"{split.level} {key} would be in {' and '.join(sorted(parts))} of {split.name!r}"
+        for key, parts in where.items()
+        if len(parts) > 1
+    ]
+    found += [
+        f"episode {one} would be twice in {split.name!r}"
+        for one, parts in seen.items()
+        if len(parts) > 1 and (column != "id" or len(set(parts)) == 1)
+    ]
+    return found
 
 
 def _deal(count: int, shares: Mapping[str, int]) -> list[str]:

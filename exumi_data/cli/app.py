@@ -16,6 +16,7 @@ from exumi_data.cli import (
     prepare,
     record,
     recover,
+    release_group,
     rig_group,
     stats,
     validate,
@@ -54,6 +55,7 @@ app.add_typer(rig_group.app, name="rig")
 app.command("record", epilog=record.EPILOG)(record.run)
 app.command("recover", epilog=recover.EPILOG)(recover.run)
 app.command("validate", epilog=validate.EPILOG)(validate.run)
+app.add_typer(release_group.app, name="release")
 app.command("stats", epilog=stats.EPILOG)(stats.run)
 app.command("view", epilog=view.EPILOG)(view.run)
 app.command("info", epilog=info.EPILOG)(info.run)

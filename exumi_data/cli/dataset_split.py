@@ -8,7 +8,7 @@ import typer
 from exumi_data.cli.dataset_options import DatasetArgument, DryRunOption
 from exumi_data.cli.options import Format, FormatOption, epilog
 
-__all__ = ["EPILOG", "run"]
+__all__ = ["EPILOG", "run", "shares_of"]
 
 EPILOG = epilog(
     "exumi dataset split my-dataset",
@@ -59,7 +59,7 @@ def run(
                 where=dataset,
                 fix="Choose another --name, or say --overwrite.",
             )
-        document = make_split(source, level=by.value, lists=_shares(lists), seed=seed, name=name)
+        document = make_split(source, level=by.value, lists=shares_of(lists), seed=seed, name=name)
         if not dry_run:
             write_splits(dataset, {name: document})
     if output is Format.JSON:
@@ -69,7 +69,19 @@ def run(
     print(printable(f"split {name} {'would be' if dry_run else 'is'}: {counts}"))
 
 
-def _shares(text: str) -> dict[str, int]:
+def shares_of(text: str) -> dict[str, int]:
+    """Return the lists of a split and their shares.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``train=8,val=1,test=1``.
+
+    Raises
+    ------
+    UsageError
+        It names none.
+    """
     from exumi_data.errors import UsageError
 
     shares: dict[str, int] = {}

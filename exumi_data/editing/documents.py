@@ -10,7 +10,7 @@ from exumi_data.model.documents import MAX_DOCUMENT_BYTES, dump, parse_dataset
 from exumi_data.store.files import write_atomic
 from exumi_data.store.plain_files import read_plain
 
-__all__ = ["change_dataset", "write_splits"]
+__all__ = ["change_dataset", "document_bytes", "write_splits"]
 
 
 def change_dataset(root: Path, change: Callable[[DatasetMetadata], None]) -> DatasetMetadata:
@@ -32,7 +32,7 @@ def change_dataset(root: Path, change: Callable[[DatasetMetadata], None]) -> Dat
     before = dump(metadata)
     change(metadata)
     if dump(metadata) != before:
-        write_atomic(path, _bytes(dump(metadata)))
+        write_atomic(path, document_bytes(dump(metadata)))
     return metadata
 
 
@@ -47,7 +47,7 @@ def write_splits(root: Path, splits: Mapping[str, SplitDocument]) -> None:
     """
     for name, document in splits.items():
         path = root / "splits" / f"{name}.json"
-        content = _bytes(dump(document))
+        content = document_bytes(dump(document))
         if not path.exists() or read_plain(path, MAX_DOCUMENT_BYTES) != content:
             write_atomic(path, content)
 
@@ -57,5 +57,11 @@ def write_splits(root: Path, splits: Mapping[str, SplitDocument]) -> None:
     change_dataset(root, name_them)
 
 
-def _bytes(document: Mapping[str, object]) -> bytes:
+def document_bytes(document: Mapping[str, object]) -> bytes:
+    """Return a JSON document as it stands in a file: the same for the same document.
+
+    Parameters
+    ----------
+    document : mapping
+    """
     return (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode()

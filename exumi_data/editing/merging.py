@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from exumi_data.editing.copying import Chosen, chosen_of
 from exumi_data.errors import UsageError
 from exumi_data.model.dataset import SplitDocument
+from exumi_data.splits import leaks_of
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
@@ -119,7 +120,6 @@ def join_splits(
         for document in documents:
             for part, ids in document.lists.items():
                 lists.setdefault(part, {}).update(dict.fromkeys(i for i in ids if i in rows))
-        problems += _leaks(name, first.level, lists, rows)
         seeds = {document.seed for document in documents}
         joined[name] = first.model_copy(
             update={
@@ -128,31 +128,13 @@ def join_splits(
                 "method": first.method if len(documents) == 1 else "joined",
             }
         )
+        problems += leaks_of(joined[name], rows)
     if problems:
         raise UsageError(
             f"splits cannot be joined: {_some(problems)}",
             fix="Leave them out with --no-splits, and make a new one: exumi dataset split DATASET",
         )
     return joined
-
-
-def _leaks(
-    name: str,
-    level: str,
-    lists: Mapping[str, Mapping[str, None]],
-    rows: Mapping[str, dict[str, Any]],
-) -> list[str]:
-    """Return what would be in two lists of a split."""
-    column = {"episode": "id", "object": "object_id", "part": "part_id"}[level]
-    where: dict[str, set[str]] = {}
-    for part, ids in lists.items():
-        for one in ids:
-            where.setdefault(str(rows[one][column]), set()).add(part)
-    return [
-        f"{level} {key} would be in {' and '.join(sorted(parts))} of {name!r}"
-        for key, parts in where.items()
-        if len(parts) > 1
-    ]
 
 
 def _some(texts: Sequence[str]) -> str:

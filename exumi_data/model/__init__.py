@@ -4,7 +4,7 @@ The JSON Schemas in ``spec/schema`` are generated from these models (``exumi_dat
 """
 
 from exumi_data.model.clock import Clock, Gap
-from exumi_data.model.dataset import DatasetMetadata, MadeBy, SplitDocument
+from exumi_data.model.dataset import DatasetMetadata, MadeBy, Release, SplitDocument
 from exumi_data.model.description import (
     Annotations,
     CalibrationItem,
@@ -74,6 +74,7 @@ __all__ = [
     "QualityNote",
     "RawData",
     "Reference",
+    "Release",
     "RgbStream",
     "Segment",
     "Sensor",

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, StringConstraints
 
 from exumi_data.model.base import EpisodeId, Identifier, Model, Version
 from exumi_data.model.episode import FORMAT_VERSION
@@ -12,12 +12,19 @@ __all__ = [
     "SPLIT_NAME",
     "DatasetMetadata",
     "MadeBy",
+    "Release",
     "SplitDocument",
 ]
 
 DATASET_FORMAT = "exumi-dataset"
 
 SPLIT_NAME = r"^[a-z0-9][a-z0-9_-]*$"
+
+_NUMBER = "(0|[1-9][0-9]*)"
+DatasetVersion = Annotated[
+    str,
+    StringConstraints(pattern=rf"^{_NUMBER}\.{_NUMBER}\.{_NUMBER}$", max_length=32),
+]
 
 
 class MadeBy(Model):
@@ -27,6 +34,15 @@ class MadeBy(Model):
     tool_version: Identifier
     command: str | None = None
     settings: dict[str, Any] | None = None
+
+
+class Release(Model):
+    """Which release of a dataset this is."""
+
+    version: DatasetVersion
+    """Of the data, `major.minor.patch`: not that of the format."""
+    previous: DatasetVersion | None = None
+    """The release that `CHANGELOG.md` compares with."""
 
 
 class DatasetMetadata(Model):
@@ -44,6 +60,8 @@ class DatasetMetadata(Model):
     splits: list[Annotated[str, Field(pattern=SPLIT_NAME)]] = []
     """Names of the files in ``splits/``."""
     made_by: MadeBy | None = None
+    release: Release | None = None
+    """Of a released dataset only."""
 
 
 class SplitDocument(Model):

@@ -45,6 +45,9 @@ def _episode_cases() -> Iterator[Case]:
 def _head_cases() -> Iterator[Case]:
     at = Finding("META-001", HEAD, "/name")
     yield dataset("META-001__dataset_name", "A dataset without a name.", at, unnamed=True)
+    at = Finding("META-002", HEAD, "/release/version")
+    about = "A release whose version has two numbers."
+    yield dataset("META-002__of_release", about, at, release={"version": "1.1"})
     at = Finding("LIC-001", HEAD, "/licence")
     yield dataset("LIC-001__dataset", "A dataset of unknown licence.", at, licence="n/a")
     at = Finding("EXT-002", HEAD, "/acme:grant")

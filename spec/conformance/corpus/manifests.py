@@ -39,8 +39,11 @@ def _digest(files: dict[str, bytes], episode: str) -> str:
 
 
 def valid_manifest() -> Case:
-    """Return a dataset with its manifest, and a hidden file that it need not list."""
-    case = dataset("dataset__manifest", "A released dataset.")
+    """Return a release: version, preview, manifest, and a hidden file that it need not list."""
+    name, about = "dataset__manifest", "A released dataset, with its preview."
+    case = dataset(name, about, release={"version": "1.10.0", "previous": "1.9.3"})
+    copies = dataset(name, about).files.items()
+    case.files.update({f"preview/{path}": data for path, data in copies})
     case.files[NAME] = dumps(_manifest(case.files))
     case.files[".note"] = b"not for anybody\n"
     return case

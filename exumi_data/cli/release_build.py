@@ -1,0 +1,284 @@
+"""``exumi release SRC DST``."""
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from exumi_data.cli.dataset_options import DryRunOption
+from exumi_data.cli.options import (
+    Format,
+    FormatOption,
+    QuietOption,
+    WorkersOption,
+    epilog,
+    given_path,
+)
+
+if TYPE_CHECKING:
+    from exumi_data.model.dataset import Release
+    from exumi_data.release.building import Built
+    from exumi_data.release.judging import Judgement
+    from exumi_data.release.planning import Plan, SplitWish
+    from exumi_data.release.pushing import Pushed
+
+__all__ = ["EPILOG", "run"]
+
+EPILOG = epilog(
+    "exumi release my-dataset my-release --licence CC-BY-4.0 --licence-file CC-BY-4.0.txt",
+    "exumi release my-dataset my-release-2 --previous my-release --dry-run",
+    "exumi release my-dataset my-release --split object --lists train=8,val=1,test=1",
+    "exumi release my-dataset my-release --push our-lab/my-dataset",
+)
+_LISTS = "train=15,val=1"
+
+
+class By(StrEnum):
+    """What a split keeps together."""
+
+    EPISODE = "episode"
+    OBJECT = "object"
+    PART = "part"
+
+
+def run(  # noqa: PLR0913, PLR0917  # options of the command line
+    source: Annotated[
+        Path, typer.Argument(parser=given_path, metavar="SRC", help="The dataset. It stays.")
+    ],
+    target: Annotated[
+        Path, typer.Argument(parser=given_path, metavar="DST", help="The folder of the release.")
+    ],
+    licence: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SPDX",
+            help="Of the data, such as CC-BY-4.0. Default: what dataset.json says.",
+        ),
+    ] = None,
+    licence_file: Annotated[
+        Path | None,
+        typer.Option(
+            parser=given_path,
+            metavar="FILE",
+            help="The text of the licence. Default: the file LICENSE of the dataset.",
+        ),
+    ] = None,
+    version: Annotated[
+        str,
+        typer.Option(
+            metavar="X.Y.Z|auto",
+            help="Of the release; auto: what the changes since --previous call for.",
+        ),
+    ] = "auto",
+    previous: Annotated[
+        Path | None,
+        typer.Option(parser=given_path, metavar="OLD", help="The release before this one."),
+    ] = None,
+    split: Annotated[
+        By | None,
+        typer.Option(
+            help="Make a split, in which all episodes of an object or part stay together."
+        ),
+    ] = None,
+    lists: Annotated[
+        str, typer.Option(metavar="NAME=SHARE,...", help="The lists of --split.")
+    ] = _LISTS,
+    seed: Annotated[int, typer.Option(min=0, help="Of --split.")] = 0,
+    preview_mb: Annotated[
+        float, typer.Option(min=0, help="Megabytes of the preview, at most; 0 for none.")
+    ] = 50.0,
+    push: Annotated[
+        str | None,
+        typer.Option(metavar="REPO", help="Then publish it: see exumi release push."),
+    ] = None,
+    public: Annotated[
+        bool, typer.Option("--public", help="With --push: a new repository is seen by everybody.")
+    ] = False,
+    dry_run: DryRunOption = False,
+    workers: WorkersOption = None,
+    output: FormatOption = Format.TEXT,
+    quiet: QuietOption = False,
+) -> None:
+    """Make a release of a dataset: validated, packed, with its licence, changes and checksums.
+
+    The release appears under its name when it is complete. Started again after it was stopped, it
+    goes on. The same dataset always gives the same bytes. Exit code 1: the data are not valid; 2:
+    something else forbids it. All reasons are listed at once.
+    """
+    from exumi_data.cli.output import print_json, progress_of
+    from exumi_data.cli.release_judge import judge_with
+    from exumi_data.cli.release_push import push as publish
+    from exumi_data.cli.release_push import tell_pushed
+    from exumi_data.release.building import build_release
+    from exumi_data.release.planning import Wishes, plan_release
+
+    wishes = Wishes(
+        licence=licence if licence is not None else _asked(source),
+        licence_file=licence_file,
+        version=version,
+        previous=previous,
+        split=_wish(split, lists, seed),
+        preview_bytes=round(preview_mb * 1e6),
+    )
+    with progress_of("Validating", quiet=quiet) as update:
+        judge = judge_with(workers, lambda done, total: update(done, total, ""))
+        plan = plan_release(source, target, wishes, judge, workers=workers)
+    if not quiet or plan.judgement.errors:
+        _tell_judgement(plan.judgement)
+    if plan.problems or plan.judgement.errors:
+        _refuse(plan, output)
+    built = None
+    if not dry_run:
+        with progress_of("Packing", quiet=quiet) as update:
+            built = build_release(
+                plan,
+                judge_with(workers),
+                workers=workers,
+                on_progress=lambda done, total: update(done, total, ""),
+            )
+    if output is Format.TEXT:
+        _tell(plan, built, quiet=quiet)
+    pushed = None
+    if push is not None and built is not None:
+        pushed = publish(target, push, public=public, workers=workers, quiet=quiet)
+        if output is Format.TEXT:
+            tell_pushed(pushed, quiet=quiet)
+    if output is Format.JSON:
+        print_json(_document(plan, built, pushed))
+
+
+def _asked(source: Path) -> str | None:
+    """Return the licence that a person at a terminal types, where the dataset does not say it."""
+    from exumi_data.dataset import open_dataset
+    from exumi_data.errors import ExumiError
+    from exumi_data.release.licence import canonical_licence
+
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return None
+    try:
+        canonical_licence(open_dataset(source).metadata.licence)
+    except ExumiError:
+        return str(
+            typer.prompt("Licence of the data (SPDX expression, such as CC-BY-4.0)", err=True)
+        )
+    return None
+
+
+def _wish(split: By | None, lists: str, seed: int) -> "SplitWish | None":
+    from exumi_data.cli.dataset_split import shares_of
+    from exumi_data.errors import UsageError
+    from exumi_data.release.planning import SplitWish
+
+    if split is not None:
+        return SplitWish(split.value, shares_of(lists), seed)
+    if lists != _LISTS or seed:
+        raise UsageError("--lists and --seed belong to --split", fix="Add --split episode.")
+    return None
+
+
+def _tell_judgement(judgement: "Judgement") -> None:
+    """Show what the validator found, where it found something."""
+    from exumi_data.cli.output import error_console, printable
+
+    if judgement.errors or judgement.warnings:
+        text = judgement.report.to_text(verbose=False)
+        error_console().print(printable(text, lines=True), end="", markup=False)
+
+
+def _refuse(plan: "Plan", output: Format) -> None:
+    """Tell everything that forbids the release, and end.
+
+    Raises
+    ------
+    typer.Exit
+        Always.
+    """
+    from exumi_data.cli.failures import COULD_NOT_RUN, FOUND_WRONG
+    from exumi_data.cli.output import error_console, print_json, printable
+
+    invalid = len(plan.judgement.errors)
+    problems = list(plan.problems)
+    if invalid:
+        problems.insert(0, f"the data are not valid: {invalid:,} error(s), listed above")
+    if output is Format.JSON:
+        print_json(
+            {
+                "release": str(plan.target),
+                "released": False,
+                "problems": list(plan.problems),
+                "errors": list(plan.judgement.errors),
+                "warnings": list(plan.judgement.warnings),
+            }
+        )
+    console = error_console()
+    console.print("[bold red]error:[/] nothing was released:")
+    for problem in problems:
+        console.print(printable(f"  {problem}", lines=True), markup=False)
+    raise typer.Exit(FOUND_WRONG if invalid else COULD_NOT_RUN)
+
+
+def _document(plan: "Plan", built: "Built | None", pushed: "Pushed | None") -> dict[str, Any]:
+    from dataclasses import asdict
+
+    release, changes = _release_of(plan), built.changes if built else plan.changes
+    return {
+        "release": str(plan.target),
+        "released": built is not None,
+        "name": plan.metadata.name,
+        "version": release.version,
+        "previous": release.previous,
+        "licence": plan.metadata.licence,
+        "episodes": len(plan.chosen),
+        "bytes": _bytes_of(plan, built),
+        "files": built.files if built else None,
+        "fingerprint": built.fingerprint if built else None,
+        "splits": {name: _counts(one.lists) for name, one in plan.splits.items()},
+        "preview": list(built.preview if built else plan.preview),
+        "preview_bytes": built.preview_bytes if built else None,
+        "changes": changes.to_json() if changes else None,
+        "warnings": list(plan.judgement.warnings),
+        "notices": list(plan.notices),
+        "pushed": asdict(pushed) if pushed else None,
+    }
+
+
+def _tell(plan: "Plan", built: "Built | None", *, quiet: bool) -> None:
+    from exumi_data.cli.output import printable, size_text
+    from exumi_data.release.changelog import change_lines
+
+    release, changes = _release_of(plan), built.changes if built else plan.changes
+    preview = built.preview if built else plan.preview
+    lines = [
+        f"{plan.target}: {plan.metadata.name} {release.version}, {len(plan.chosen):,} episodes, "
+        f"{size_text(_bytes_of(plan, built))}, {plan.metadata.licence}, "
+        f"{'written' if built else 'would be written'}"
+    ]
+    for name, one in plan.splits.items():
+        counts = ", ".join(f"{part} {count}" for part, count in _counts(one.lists).items())
+        lines.append(f"  split {name}: {counts}")
+    if preview:
+        lines.append(f"  preview: {len(preview)} episodes")
+    if changes is not None:
+        lines.append(f"  since {release.previous}:")
+        lines += [f"    {line}" for line in change_lines(changes)] or ["    nothing changed"]
+    if built is not None:
+        lines.append(f"  fingerprint (sha-256 of the manifest): {built.fingerprint}")
+    lines += [] if quiet else [f"  note: {notice}" for notice in plan.notices]
+    for line in lines:
+        print(printable(line))
+
+
+def _release_of(plan: "Plan") -> "Release":
+    release = plan.metadata.release
+    assert release is not None  # noqa: S101  # a plan without problems has one
+    return release
+
+
+def _bytes_of(plan: "Plan", built: "Built | None") -> int:
+    return built.bytes if built else sum(int(one.row["bytes"]) for one in plan.chosen)
+
+
+def _counts(lists: "dict[str, list[str]]") -> dict[str, int]:
+    return {part: len(ids) for part, ids in lists.items()}

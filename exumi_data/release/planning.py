@@ -1,0 +1,285 @@
+"""What a release will be, decided before anything is written; all that forbids it, at once."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from exumi_data.dataset import open_dataset
+from exumi_data.editing.copying import Chosen, chosen_of
+from exumi_data.errors import ExumiError, UsageError
+from exumi_data.model.dataset import DatasetMetadata, Release, SplitDocument
+from exumi_data.model.documents import MAX_DOCUMENT_BYTES
+from exumi_data.release.changelog import CHANGELOG_NAME
+from exumi_data.release.changes import Changes, compare
+from exumi_data.release.judging import Judge, Judgement
+from exumi_data.release.licence import canonical_licence, find_licence_text
+from exumi_data.release.preview import choose_preview
+from exumi_data.release.versions import AUTO, decide_version
+from exumi_data.splits import Level, leaks_of, make_split
+from exumi_data.store.plain_files import read_plain
+
+if TYPE_CHECKING:
+    from exumi_data.dataset import Dataset
+
+__all__ = ["Plan", "SplitWish", "Wishes", "plan_release"]
+
+_SPLIT = "default"
+
+
+@dataclass(frozen=True, slots=True)
+class SplitWish:
+    """A split to be made.
+
+    Attributes
+    ----------
+    level : {"episode", "object", "part"}
+    lists : dict of str to int
+        Names of lists and their shares.
+    seed : int
+    """
+
+    level: Level = "episode"
+    lists: Mapping[str, int] = field(default_factory=lambda: {"train": 15, "val": 1})
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wishes:
+    """What the user wants of a release.
+
+    Attributes
+    ----------
+    licence : str or None
+        SPDX expression; None: that of ``dataset.json``. There is no other default.
+    licence_file : pathlib.Path or None
+        Its text; None: the file beside the data.
+    version : str
+        ``major.minor.patch``, or ``auto``.
+    previous : pathlib.Path or None
+        The release before it.
+    split : SplitWish or None
+        A split to be made; None: those that there are.
+    preview_bytes : int
+        Of the preview, at most; 0: none.
+    """
+
+    licence: str | None = None
+    licence_file: Path | None = None
+    version: str = AUTO
+    previous: Path | None = None
+    split: SplitWish | None = None
+    preview_bytes: int = 50_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """A release that may be built, or what forbids it.
+
+    Attributes
+    ----------
+    source, target : pathlib.Path
+    problems : tuple of str
+        What forbids it, all of it.
+    judgement : Judgement
+        What the validator found in the source.
+    metadata : DatasetMetadata
+        ``dataset.json`` of the release.
+    licence_text : bytes
+    splits : dict of str to SplitDocument
+    chosen : list of Chosen
+        The episodes.
+    preview_bytes : int
+    preview : tuple of str
+        Ids of the episodes that the preview will show, by their sizes before packing.
+    changes : Changes or None
+        Against the release before; None of a first one.
+    older_changelog : str or None
+    previous : pathlib.Path or None
+    notices : tuple of str
+        What the user should know.
+    """
+
+    source: Path
+    target: Path
+    problems: tuple[str, ...]
+    judgement: Judgement
+    metadata: DatasetMetadata
+    licence_text: bytes = b""
+    splits: Mapping[str, SplitDocument] = field(default_factory=dict)
+    chosen: list[Chosen] = field(default_factory=list)
+    preview_bytes: int = 0
+    preview: tuple[str, ...] = ()
+    changes: Changes | None = None
+    older_changelog: str | None = None
+    previous: Path | None = None
+    notices: tuple[str, ...] = ()
+
+
+def plan_release(
+    source: Path, target: Path, wishes: Wishes, judge: Judge, *, workers: int | None = None
+) -> Plan:
+    """Decide what a release will be. Nothing is written.
+
+    Parameters
+    ----------
+    source : pathlib.Path
+        A dataset.
+    target : pathlib.Path
+        The folder of the release, which must not be there yet.
+    wishes : Wishes
+    judge : callable
+        The validator.
+    workers : int, optional
+        Processes; default all cores.
+
+    Returns
+    -------
+    Plan
+        With all problems, of the wishes, of the splits and of the data.
+
+    Raises
+    ------
+    NotAnEpisodeError
+        `source` is no dataset.
+    """
+    problems: list[str] = []
+    notices: list[str] = []
+
+    def tried(step: Callable[[], Any], otherwise: Any) -> Any:
+        try:
+            return step()
+        except ExumiError as error:
+            problems.append(str(error))
+            return otherwise
+
+    dataset = open_dataset(source)
+    tried(lambda: _check_target(source, target), None)
+    metadata = dataset.metadata.model_copy(deep=True)
+    licence = tried(lambda: canonical_licence(wishes.licence or metadata.licence), None)
+    metadata.licence = licence or metadata.licence
+    text = b""
+    if licence is not None:
+        text = tried(lambda: find_licence_text(source, wishes.licence_file, licence), b"")
+        notices += _other_licences(dataset, licence)
+    elif wishes.licence_file is not None and not wishes.licence_file.is_file():
+        problems.append(f"{wishes.licence_file}: no such file")
+    splits = tried(lambda: _splits(dataset, wishes.split), {})
+    keys = _keys(dataset)
+    problems += [leak for one in splits.values() for leak in leaks_of(one, keys)]
+    metadata.splits = list(splits)
+    if not splits and not problems:
+        notices.append(
+            "there is no split, so everybody will make their own: --split episode makes one"
+        )
+    before, version, changes = None, wishes.version, None
+    if wishes.previous is not None:
+        previous = wishes.previous
+        before = tried(lambda: _version_of(previous), None)
+        changes = tried(lambda: _changes(previous, dataset, splits, metadata, workers), None)
+    if wishes.previous is None or changes is not None:
+        step = changes.step if changes is not None else None
+        version = tried(lambda: decide_version(wishes.version, before, step), None)
+        if version is not None:
+            metadata.release = Release(version=version)
+            if before is not None:
+                metadata.release.previous = before
+    if not dataset.ids:
+        problems.append(f"{source}: there are no episodes")
+    rows = dataset.catalog.to_pylist()
+    sizes = {str(row["id"]): int(row["bytes"]) for row in rows}
+    preview = choose_preview(rows, sizes, wishes.preview_bytes, splits)
+    if wishes.preview_bytes and not preview and rows:
+        notices.append(f"no episode fits into a preview of {wishes.preview_bytes:,} bytes")
+    return Plan(
+        source=source,
+        target=target,
+        problems=tuple(dict.fromkeys(problems)),
+        judgement=judge(source, True),
+        metadata=metadata,
+        licence_text=text,
+        splits=splits,
+        chosen=chosen_of(dataset),
+        preview_bytes=wishes.preview_bytes,
+        preview=tuple(preview),
+        changes=changes,
+        older_changelog=_older(wishes.previous),
+        previous=wishes.previous,
+        notices=tuple(notices),
+    )
+
+
+def _check_target(source: Path, target: Path) -> None:
+    here, there = source.resolve(), target.resolve()
+    if there == here or there.is_relative_to(here) or here.is_relative_to(there):
+        raise UsageError("lies in the dataset, or around it", where=target, fix="Name another.")
+    if target.is_symlink() or (target.exists() and (not target.is_dir() or any(target.iterdir()))):
+        raise UsageError(
+            "is there already: releases are not changed",
+            where=target,
+            fix="Name a new folder; the release before it is named with --previous.",
+        )
+
+
+def _other_licences(dataset: "Dataset", licence: str) -> list[str]:
+    found: dict[str, int] = {}
+    for one in dataset.catalog.column("licence").to_pylist():
+        if one != licence:
+            found[one] = found.get(one, 0) + 1
+    return [
+        f"{count} episodes say {one} themselves, and keep it; to change that: exumi dataset "
+        f"relabel {dataset.path} --where licence={one} --licence '{licence}'"
+        for one, count in sorted(found.items())
+    ]
+
+
+def _splits(dataset: "Dataset", wish: SplitWish | None) -> dict[str, SplitDocument]:
+    splits = dict(dataset.splits)
+    if wish is None:
+        return splits
+    if _SPLIT in splits:
+        raise UsageError(
+            f"there is a split {_SPLIT!r} already",
+            where=dataset.path,
+            fix="Leave --split out to release it as it is.",
+        )
+    made = make_split(dataset, level=wish.level, lists=wish.lists, seed=wish.seed, name=_SPLIT)
+    return {**splits, _SPLIT: made}
+
+
+def _keys(dataset: "Dataset") -> dict[str, dict[str, Any]]:
+    columns = ("id", "object_id", "part_id")
+    rows = dataset.catalog.select(columns).to_pylist()
+    return {str(row["id"]): row for row in rows}
+
+
+def _version_of(previous: Path) -> str:
+    release = open_dataset(previous).metadata.release
+    if release is None:
+        raise UsageError(
+            "is no release: its dataset.json states no version",
+            where=previous,
+            fix="Name the folder that exumi release wrote.",
+        )
+    return release.version
+
+
+def _changes(
+    previous: Path,
+    dataset: "Dataset",
+    splits: Mapping[str, SplitDocument],
+    metadata: DatasetMetadata,
+    workers: int | None,
+) -> Changes:
+    return compare(
+        previous, Path(dataset.path), after_splits=splits, after_metadata=metadata, workers=workers
+    )
+
+
+def _older(previous: Path | None) -> str | None:
+    if previous is None or not (previous / CHANGELOG_NAME).is_file():
+        return None
+    try:
+        return read_plain(previous / CHANGELOG_NAME, MAX_DOCUMENT_BYTES).decode()
+    except (ExumiError, UnicodeDecodeError):
+        return None
