@@ -30,6 +30,7 @@ EPILOG = epilog(
     "exumi release my-dataset my-release --licence CC-BY-4.0 --licence-file CC-BY-4.0.txt",
     "exumi release my-dataset my-release-2 --previous my-release --dry-run",
     "exumi release my-dataset my-release --split object --lists train=8,val=1,test=1",
+    "exumi release my-dataset my-release --keep operator --remove gps,serial,path",
     "exumi release my-dataset my-release --push our-lab/my-dataset",
 )
 _LISTS = "train=15,val=1"
@@ -89,6 +90,33 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     preview_mb: Annotated[
         float, typer.Option(min=0, help="Megabytes of the preview, at most; 0 for none.")
     ] = 50.0,
+    published: Annotated[
+        str | None,
+        typer.Option(metavar="YYYY-MM-DD", help="The day; for citations. Never the clock's."),
+    ] = None,
+    keep: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND,...",
+            help="What may be private and is released as it is: operator, site, serial, host, "
+            "user, path, email, gps. Each kind that is found has to be kept or removed.",
+        ),
+    ] = "",
+    remove: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND,...", help="Kinds that are taken out of the release; the source stays."
+        ),
+    ] = "",
+    pseudonym_key: Annotated[
+        Path | None,
+        typer.Option(
+            parser=given_path,
+            metavar="FILE",
+            help="A secret of 16 bytes or more: removed names become pseudonyms, the same ones in "
+            "each release.",
+        ),
+    ] = None,
     push: Annotated[
         str | None,
         typer.Option(metavar="REPO", help="Then publish it: see exumi release push."),
@@ -121,6 +149,10 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         previous=previous,
         split=_wish(split, lists, seed),
         preview_bytes=round(preview_mb * 1e6),
+        published=published,
+        keep=_kinds(keep),
+        remove=_kinds(remove),
+        pseudonym_key=None if pseudonym_key is None else _key(pseudonym_key),
     )
     with progress_of("Validating", quiet=quiet) as update:
         judge = judge_with(workers, lambda done, total: update(done, total, ""))
@@ -166,6 +198,16 @@ def _asked(source: Path) -> str | None:
     return None
 
 
+def _kinds(text: str) -> tuple[str, ...]:
+    return tuple(filter(None, (part.strip() for part in text.split(","))))
+
+
+def _key(path: Path) -> bytes:
+    from exumi_data.store.plain_files import read_plain
+
+    return read_plain(path, 1 << 16).strip()
+
+
 def _wish(split: By | None, lists: str, seed: int) -> "SplitWish | None":
     from exumi_data.cli.dataset_split import shares_of
     from exumi_data.errors import UsageError
@@ -208,6 +250,7 @@ def _refuse(plan: "Plan", output: Format) -> None:
                 "release": str(plan.target),
                 "released": False,
                 "problems": list(plan.problems),
+                "private": _private(plan),
                 "errors": list(plan.judgement.errors),
                 "warnings": list(plan.judgement.warnings),
             }
@@ -238,10 +281,23 @@ def _document(plan: "Plan", built: "Built | None", pushed: "Pushed | None") -> d
         "preview": list(built.preview if built else plan.preview),
         "preview_bytes": built.preview_bytes if built else None,
         "changes": changes.to_json() if changes else None,
+        "private": _private(plan),
         "warnings": list(plan.judgement.warnings),
         "notices": list(plan.notices),
         "pushed": asdict(pushed) if pushed else None,
     }
+
+
+def _private(plan: "Plan") -> list[dict[str, Any]]:
+    """Return what may be private: kind, how often, and whether it is taken out."""
+    taken = plan.removal.kinds if plan.removal else frozenset()
+    found: dict[str, int] = {}
+    for one in plan.private:
+        found[one.kind] = found.get(one.kind, 0) + 1
+    return [
+        {"kind": kind, "places": count, "removed": kind in taken}
+        for kind, count in sorted(found.items())
+    ]
 
 
 def _tell(plan: "Plan", built: "Built | None", *, quiet: bool) -> None:
@@ -258,6 +314,9 @@ def _tell(plan: "Plan", built: "Built | None", *, quiet: bool) -> None:
     for name, one in plan.splits.items():
         counts = ", ".join(f"{part} {count}" for part, count in _counts(one.lists).items())
         lines.append(f"  split {name}: {counts}")
+    for found in _private(plan):
+        what = "taken out" if found["removed"] else "kept"
+        lines.append(f"  {found['kind']}: {what}, in {found['places']:,} place(s)")
     if preview:
         lines.append(f"  preview: {len(preview)} episodes")
     if changes is not None:

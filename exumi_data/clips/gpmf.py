@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MAX_PAYLOAD_BYTES", "GyroTrack", "Payload", "read_gyro"]
+__all__ = ["MAX_PAYLOAD_BYTES", "GyroTrack", "Payload", "Record", "read_gyro", "records"]
 
 MAX_PAYLOAD_BYTES = 4 << 20
 """Size of the largest payload that is read: a camera's are some kilobytes."""
@@ -89,12 +89,28 @@ class GyroTrack:
         return replace(self, time_s=self.time_s[first:last], rad_per_s=self.rad_per_s[first:last])
 
 
-class _Record(NamedTuple):
+class Record(NamedTuple):
+    """One record: its key, its numbers' type, and what it holds.
+
+    Attributes
+    ----------
+    key : bytes
+        Four letters.
+    kind : int
+        Code of the type; 0 where it holds records.
+    size, repeat : int
+        Bytes of a sample, and samples.
+    content : memoryview
+    at : int
+        Where the key begins, bytes.
+    """
+
     key: bytes
     kind: int
     size: int
     repeat: int
     content: memoryview
+    at: int
 
 
 class _Part(NamedTuple):
@@ -169,10 +185,10 @@ def _line(places: NDArray[np.float64], last_count: int) -> tuple[float, float, f
 
 def _gyro_of(payload: memoryview) -> _Part | None:
     device = ""
-    for outer in _records(payload):
+    for outer in records(payload):
         if outer.key != b"DEVC" or outer.kind:
             continue
-        for inner in _records(outer.content):
+        for inner in records(outer.content):
             if inner.key == b"DVNM":
                 device = bytes(inner.content).split(b"\0")[0].decode("latin-1").strip()
             elif inner.key == b"STRM" and not inner.kind:
@@ -184,7 +200,7 @@ def _gyro_of(payload: memoryview) -> _Part | None:
 
 def _gyro_stream(stream: memoryview) -> tuple[NDArray[np.float64], int | None] | None:
     scale, total = np.ones(1), None
-    for record in _records(stream):
+    for record in records(stream):
         if record.key == b"SCAL":
             found = _numbers(record)
             if (
@@ -213,7 +229,7 @@ def _gyro_stream(stream: memoryview) -> tuple[NDArray[np.float64], int | None] |
     return None
 
 
-def _numbers(record: _Record) -> NDArray[np.float64] | None:
+def _numbers(record: Record) -> NDArray[np.float64] | None:
     """Return a record's numbers, (repeat, values of one sample) float64."""
     code = _NUMBERS.get(record.kind)
     if code is None:
@@ -225,8 +241,13 @@ def _numbers(record: _Record) -> NDArray[np.float64] | None:
     return values.astype(np.float64).reshape(record.repeat, record.size // dtype.itemsize)
 
 
-def _records(data: memoryview) -> Iterator[_Record]:
-    """Yield the records of one level, as far as their lengths fit."""
+def records(data: memoryview) -> Iterator[Record]:
+    """Yield the records of one level, as far as their lengths fit.
+
+    Parameters
+    ----------
+    data : memoryview
+    """
     at = 0
     for _ in range(_MOST_RECORDS):
         if at + _HEAD.size > len(data):
@@ -235,5 +256,5 @@ def _records(data: memoryview) -> Iterator[_Record]:
         start, length = at + _HEAD.size, size * repeat
         if key == b"\0\0\0\0" or start + length > len(data):
             return
-        yield _Record(key, kind, size, repeat, data[start : start + length])
+        yield Record(key, kind, size, repeat, data[start : start + length], at)
         at = start + length + -length % 4

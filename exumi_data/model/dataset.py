@@ -36,6 +36,9 @@ class MadeBy(Model):
     settings: dict[str, Any] | None = None
 
 
+Day = Annotated[str, Field(pattern=r"^[0-9]{4}-(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])$")]
+
+
 class Release(Model):
     """Which release of a dataset this is."""
 
@@ -43,6 +46,8 @@ class Release(Model):
     """Of the data, `major.minor.patch`: not that of the format."""
     previous: DatasetVersion | None = None
     """The release that `CHANGELOG.md` compares with."""
+    published: Day | None = None
+    """The day, `YYYY-MM-DD`."""
 
 
 class DatasetMetadata(Model):

@@ -19,21 +19,15 @@ from exumi_data.manifest import MANIFEST_NAME, sha256_of, write_manifest
 from exumi_data.model.documents import dump
 from exumi_data.release.changelog import CHANGELOG_NAME, changelog_of
 from exumi_data.release.changes import Changes, compare
-from exumi_data.release.judging import Judge, Judgement
+from exumi_data.release.describing import describe
+from exumi_data.release.judging import Judge
 from exumi_data.release.licence import LICENCE_NAME
 from exumi_data.release.packing import JOURNAL_NAME, Packed, pack_episodes
 from exumi_data.release.planning import Plan
 from exumi_data.release.preview import PREVIEW_FOLDER, choose_preview, write_preview
 from exumi_data.store.files import sync_folder, write_atomic
 
-__all__ = ["DESCRIBERS", "Built", "Describer", "build_release", "partial_folder"]
-
-Describer = Callable[[Path, Judgement], None]
-"""Writes what describes a release into its folder, given what the validator found."""
-
-# Run one after the other on the finished folder, before the manifest lists what they wrote. A
-# manifest of all the rest is there for them to read.
-DESCRIBERS: tuple[Describer, ...] = ()
+__all__ = ["Built", "build_release", "partial_folder"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,14 +109,14 @@ def build_release(
     work.mkdir(parents=True, exist_ok=True)
     with only_run(work):
         _clear(work, plan)
-        packed = pack_episodes(plan.chosen, work, workers=workers, on_progress=on_progress)
+        packed = pack_episodes(
+            plan.chosen, work, removal=plan.removal, workers=workers, on_progress=on_progress
+        )
         changes = _write_documents(work, plan, packed, workers)
         preview = _write_preview(work, plan, packed)
-        known = {one.path: one.listed for one in packed}
-        write_manifest(work, known)
-        for describe in DESCRIBERS:
-            describe(work, plan.judgement)
-        manifest = write_manifest(work, known)
+        report = plan.judgement.report
+        describe(work, None if report is None else report.counted, workers=workers)
+        manifest = write_manifest(work, {one.path: one.listed for one in packed})
         _check(work, judge)
         built = Built(
             plan.target,

@@ -4,6 +4,7 @@ A journal beside the episodes keeps what was computed of each, one line an episo
 from the same bytes before is not read again.
 """
 
+import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,6 +21,9 @@ from exumi_data.episode import open_episode
 from exumi_data.errors import DamagedDataError
 from exumi_data.manifest import Listed, sha256_of
 from exumi_data.model.manifest import ManifestEpisode, ManifestFile
+from exumi_data.release.privacy import Removal, without_private
+from exumi_data.store.access import Store
+from exumi_data.store.digest import digest_of
 from exumi_data.store.pack import pack_store
 
 __all__ = ["JOURNAL_NAME", "Packed", "pack_episodes"]
@@ -40,12 +44,15 @@ class Packed:
     bytes : int
     mtime_ns : int
         When it was written: a file that was touched since is packed again.
+    source : dict
+        Of the source's row, what tells these bytes from others.
     """
 
     row: dict[str, Any]
     sha256: str
     bytes: int
     mtime_ns: int
+    source: dict[str, Any]
 
     @property
     def path(self) -> str:
@@ -65,6 +72,7 @@ def pack_episodes(
     chosen: Sequence[Chosen],
     root: Path,
     *,
+    removal: Removal | None = None,
     workers: int | None = None,
     on_progress: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> list[Packed]:
@@ -76,6 +84,8 @@ def pack_episodes(
         In any form; they stay as they are.
     root : pathlib.Path
         The release that is being made.
+    removal : Removal, optional
+        What is taken out of each.
     workers : int, optional
         Processes; default all cores.
     on_progress : callable
@@ -92,14 +102,16 @@ def pack_episodes(
         Episodes cannot be read, or their bytes are not those that the catalog knows: all of them
         are named, after the others are packed.
     """
-    known = _read_journal(root)
+    by = _maker(removal)
+    known = _read_journal(root, by)
     done = {one.id: known[one.id] for one in chosen if _is_packed(root, one, known.get(one.id))}
     todo = [one for one in chosen if one.id not in done]
     problems = []
     on_progress(len(done), len(chosen))
     # A few episodes are packed faster than processes start.
-    outcomes = map_items(partial(_pack, root=root), todo, workers=1 if len(todo) < 8 else workers)
-    with _journal(root, done.values()) as note:
+    pack = partial(_pack, root=root, removal=removal)
+    outcomes = map_items(pack, todo, workers=1 if len(todo) < 8 else workers)
+    with _journal(root, by, done.values()) as note:
         for outcome in outcomes:
             if outcome.value is None:
                 problems.append(str(outcome.error))
@@ -113,32 +125,56 @@ def pack_episodes(
     return sorted(done.values(), key=lambda one: one.path)
 
 
-def _pack(one: Chosen, *, root: Path) -> Packed:
+def _pack(one: Chosen, *, root: Path, removal: Removal | None) -> Packed:
     relative = episode_path(one.id, packed=True)
     target = root / relative
     with open_episode(one.path) as episode:
         episode.check_complete()
-        pack_store(episode.store, target)
+        store: Store = episode.store
+        if removal is not None:
+            store = without_private(store, removal, str(one.row["path"])).store
+        is_as_it_was = store is episode.store
+        if not is_as_it_was:
+            _check_digest(digest_of(episode.store), one)
+        pack_store(store, target)
     with open_episode(target) as packed:
         row = catalog_row(packed, relative)
-    if row["digest"] != one.row["digest"]:
-        target.unlink()
+    if is_as_it_was:
+        try:
+            _check_digest(row["digest"], one)
+        except DamagedDataError:
+            target.unlink()
+            raise
+    checksum, size = sha256_of(target)
+    return Packed(row, checksum, size, target.stat().st_mtime_ns, _source(one))
+
+
+def _check_digest(digest: str, one: Chosen) -> None:
+    if digest != one.row["digest"]:
         raise DamagedDataError(
             "its bytes are not those that the catalog knows",
             where=one.path,
             fix="Copy it again from its source; or, if it was changed on purpose: "
             "exumi validate DATASET --fix --apply --accept-changed",
         )
-    checksum, size = sha256_of(target)
-    return Packed(row, checksum, size, target.stat().st_mtime_ns)
+
+
+def _source(one: Chosen) -> dict[str, Any]:
+    return {key: one.row[key] for key in ("id", "root_sha256", "derived_digest", "digest")}
+
+
+def _maker(removal: Removal | None) -> str:
+    """Return what tells one way of packing from another; a key does not show in it."""
+    kinds, key = (sorted(removal.kinds), removal.key or b"") if removal else ([], b"")
+    told = hashlib.sha256(b"\0".join([",".join(kinds).encode(), key])).hexdigest()
+    return f"{__version__} {told[:16]}"
 
 
 def _is_packed(root: Path, one: Chosen, packed: Packed | None) -> bool:
     """Whether an earlier run packed the very episode, and nobody touched it since."""
     if packed is None:
         return False
-    same = ("id", "root_sha256", "derived_digest", "digest")
-    if any(packed.row[key] != one.row[key] for key in same):
+    if packed.source != _source(one):
         return False
     try:
         found = (root / packed.path).lstat()
@@ -147,7 +183,7 @@ def _is_packed(root: Path, one: Chosen, packed: Packed | None) -> bool:
     return (found.st_size, found.st_mtime_ns) == (packed.bytes, packed.mtime_ns)
 
 
-def _read_journal(root: Path) -> Mapping[str, Packed]:
+def _read_journal(root: Path, by: str) -> Mapping[str, Packed]:
     known: dict[str, Packed] = {}
     try:
         lines = (root / JOURNAL_NAME).read_text("utf-8").splitlines()
@@ -156,7 +192,7 @@ def _read_journal(root: Path) -> Mapping[str, Packed]:
     for line in lines:
         try:
             entry = json.loads(line)
-            if entry.pop("by") == __version__:
+            if entry.pop("by") == by:
                 packed = Packed(**entry)
                 known[packed.row["id"]] = packed
         except (ValueError, KeyError, TypeError, AttributeError):
@@ -165,14 +201,14 @@ def _read_journal(root: Path) -> Mapping[str, Packed]:
 
 
 @contextmanager
-def _journal(root: Path, known: Iterable[Packed]) -> Iterator[Callable[[Packed], None]]:
+def _journal(root: Path, by: str, known: Iterable[Packed]) -> Iterator[Callable[[Packed], None]]:
     """Write what is known anew, and then each episode as it is done."""
     path = root / JOURNAL_NAME
     fresh = path.with_name(f"{JOURNAL_NAME}.new")
     with fresh.open("w", encoding="utf-8") as file:
 
         def note(one: Packed) -> None:
-            file.write(json.dumps({"by": __version__, **asdict(one)}) + "\n")
+            file.write(json.dumps({"by": by, **asdict(one)}) + "\n")
             file.flush()
 
         for one in list(known):

@@ -12,9 +12,19 @@ from exumi_data.model.dataset import DatasetMetadata, Release, SplitDocument
 from exumi_data.model.documents import MAX_DOCUMENT_BYTES
 from exumi_data.release.changelog import CHANGELOG_NAME
 from exumi_data.release.changes import Changes, compare
+from exumi_data.release.citation import Edition
 from exumi_data.release.judging import Judge, Judgement
 from exumi_data.release.licence import canonical_licence, find_licence_text
 from exumi_data.release.preview import choose_preview
+from exumi_data.release.privacy import (
+    PrivateItem,
+    Removal,
+    check_kinds,
+    counted,
+    dataset_without_private,
+    find_private,
+    unresolved,
+)
 from exumi_data.release.versions import AUTO, decide_version
 from exumi_data.splits import Level, leaks_of, make_split
 from exumi_data.store.plain_files import read_plain
@@ -62,6 +72,12 @@ class Wishes:
         A split to be made; None: those that there are.
     preview_bytes : int
         Of the preview, at most; 0: none.
+    keep, remove : tuple of str
+        Kinds of what may be private. What is found has to be in one of them.
+    pseudonym_key : bytes or None
+        With it, names that are removed become pseudonyms.
+    published : str or None
+        The day, ``YYYY-MM-DD``; it is not taken from the clock, or no two releases were alike.
     """
 
     licence: str | None = None
@@ -70,6 +86,10 @@ class Wishes:
     previous: Path | None = None
     split: SplitWish | None = None
     preview_bytes: int = 50_000_000
+    keep: tuple[str, ...] = ()
+    remove: tuple[str, ...] = ()
+    pseudonym_key: bytes | None = None
+    published: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,6 +118,10 @@ class Plan:
     previous : pathlib.Path or None
     notices : tuple of str
         What the user should know.
+    private : list of PrivateItem
+        What may be private, of the kinds that are kept and of those that are removed.
+    removal : Removal or None
+        What is taken out; None: nothing.
     """
 
     source: Path
@@ -114,6 +138,8 @@ class Plan:
     older_changelog: str | None = None
     previous: Path | None = None
     notices: tuple[str, ...] = ()
+    private: list[PrivateItem] = field(default_factory=list)
+    removal: Removal | None = None
 
 
 def plan_release(
@@ -164,6 +190,11 @@ def plan_release(
         notices += _other_licences(dataset, licence)
     elif wishes.licence_file is not None and not wishes.licence_file.is_file():
         problems.append(f"{wishes.licence_file}: no such file")
+    private = tried(lambda: find_private(source, workers=workers), [])
+    problems += tried(lambda: _undecided(private, wishes), [])
+    removal = tried(lambda: _removal(private, wishes), None)
+    if removal is not None:
+        metadata = dataset_without_private(metadata, removal)[0]
     splits = tried(lambda: _splits(dataset, wishes.split), {})
     keys = _keys(dataset)
     problems += [leak for one in splits.values() for leak in leaks_of(one, keys)]
@@ -176,7 +207,9 @@ def plan_release(
     if wishes.previous is not None:
         previous = wishes.previous
         before = tried(lambda: _version_of(previous), None)
-        changes = tried(lambda: _changes(previous, dataset, splits, metadata, workers), None)
+        changes = tried(
+            lambda: _changes(previous, dataset, splits, metadata, removal, workers), None
+        )
     if wishes.previous is None or changes is not None:
         step = changes.step if changes is not None else None
         version = tried(lambda: decide_version(wishes.version, before, step), None)
@@ -184,13 +217,14 @@ def plan_release(
             metadata.release = Release(version=version)
             if before is not None:
                 metadata.release.previous = before
+            tried(lambda: _publish(metadata, wishes.published), None)
     if not dataset.ids:
         problems.append(f"{source}: there are no episodes")
-    rows = dataset.catalog.to_pylist()
-    sizes = {str(row["id"]): int(row["bytes"]) for row in rows}
-    preview = choose_preview(rows, sizes, wishes.preview_bytes, splits)
-    if wishes.preview_bytes and not preview and rows:
+    preview = _preview(dataset, wishes, splits)
+    if wishes.preview_bytes and not preview and dataset.ids:
         notices.append(f"no episode fits into a preview of {wishes.preview_bytes:,} bytes")
+    if wishes.published is None:
+        notices.append("it does not say when it is published: --published YYYY-MM-DD")
     return Plan(
         source=source,
         target=target,
@@ -206,7 +240,15 @@ def plan_release(
         older_changelog=_older(wishes.previous),
         previous=wishes.previous,
         notices=tuple(notices),
+        private=private,
+        removal=removal,
     )
+
+
+def _preview(dataset: "Dataset", wishes: Wishes, splits: Mapping[str, SplitDocument]) -> list[str]:
+    rows = dataset.catalog.to_pylist()
+    sizes = {str(row["id"]): int(row["bytes"]) for row in rows}
+    return choose_preview(rows, sizes, wishes.preview_bytes, splits)
 
 
 def _check_target(source: Path, target: Path) -> None:
@@ -219,6 +261,40 @@ def _check_target(source: Path, target: Path) -> None:
             where=target,
             fix="Name a new folder; the release before it is named with --previous.",
         )
+
+
+def _undecided(private: list[PrivateItem], wishes: Wishes) -> list[str]:
+    """Say what nobody has decided about, and what cannot be taken out; each thing once."""
+    said = []
+    left = unresolved(private, wishes.keep, wishes.remove)
+    for (kind, value, why), items in counted(left).items():
+        at = " ".join(filter(None, (items[0].episode, items[0].where)))
+        told = f"{kind} {value!r} in {len(items):,} place(s), such as {at} ({why})"
+        if kind in wishes.remove:
+            said.append(f"{told} cannot be taken out: --keep {kind}, or leave it out yourself")
+        else:
+            said.append(f"{told}: --keep {kind}, or --remove {kind}")
+    said += [
+        f"{one.kind} {one.value!r} in {one.where} cannot be taken out of a split: make it anew"
+        for one in private
+        if one.kind in wishes.remove and one.where.startswith("splits/")
+    ]
+    return said
+
+
+def _publish(metadata: DatasetMetadata, day: str | None) -> None:
+    if day is None or metadata.release is None:
+        return
+    Edition(published=day)  # refuses what is no day
+    metadata.release.published = day
+
+
+def _removal(private: list[PrivateItem], wishes: Wishes) -> Removal | None:
+    """Return what is taken out, where something of it was found."""
+    kinds = check_kinds(wishes.remove)
+    check_kinds(wishes.keep)
+    removal = Removal(kinds, wishes.pseudonym_key)
+    return removal if any(one.kind in kinds for one in private) else None
 
 
 def _other_licences(dataset: "Dataset", licence: str) -> list[str]:
@@ -269,10 +345,16 @@ def _changes(
     dataset: "Dataset",
     splits: Mapping[str, SplitDocument],
     metadata: DatasetMetadata,
+    removal: Removal | None,
     workers: int | None,
 ) -> Changes:
     return compare(
-        previous, Path(dataset.path), after_splits=splits, after_metadata=metadata, workers=workers
+        previous,
+        Path(dataset.path),
+        after_splits=splits,
+        after_metadata=metadata,
+        removal=removal,
+        workers=workers,
     )
 
 

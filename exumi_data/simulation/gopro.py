@@ -55,6 +55,8 @@ class SimulatedGoPro:
     codec : str
         FFmpeg's name of an encoder.
     bit_rate : int
+    position_deg : (float, float) or None
+        Latitude and longitude that its receiver says; None where it has no fix.
     """
 
     rate: Fraction = Fraction(30_000, 1001)
@@ -66,6 +68,7 @@ class SimulatedGoPro:
     clock_s: float = 0.0
     codec: str = "mpeg4"
     bit_rate: int = 1_000_000
+    position_deg: tuple[float, float] | None = None
 
     def film(  # keyword-only options, each with a default
         self,
@@ -106,6 +109,8 @@ class SimulatedGoPro:
         shown = session_start + timedelta(seconds=span_s[0] + self.clock_s)
         with av.open(str(path), "w", format="mp4", options={"write_tmcd": "1"}) as container:
             container.metadata["creation_time"] = shown.strftime("%Y-%m-%dT%H:%M:%SZ")
+            if self.position_deg is not None:
+                container.metadata["location"] = "{:+08.4f}{:+09.4f}/".format(*self.position_deg)
             quick = {"preset": "ultrafast"} if self.codec.startswith("libx26") else {}
             video = container.add_stream(self.codec, rate=self.rate, options=quick)
             assert isinstance(video, av.VideoStream)  # noqa: S101  # the codec is one
@@ -150,7 +155,9 @@ class SimulatedGoPro:
             if last > first:
                 start_ms = round(1e3 * number * _PAYLOAD_S)
                 length_ms = min(round(1e3 * _PAYLOAD_S), round(1e3 * length_s) - start_ms)
-                payload = gpmf_payload(values[first:last], total=int(last))
+                payload = gpmf_payload(
+                    values[first:last], total=int(last), position_deg=self.position_deg
+                )
                 found.append((start_ms, max(1, length_ms), payload))
         return found
 
@@ -183,7 +190,13 @@ def timecode_text(moment: datetime, rate: Fraction) -> str:
 _SCALE = 939
 
 
-def gpmf_payload(rad_per_s: NDArray[np.float64], *, total: int, device: str = "Hero12") -> bytes:
+def gpmf_payload(
+    rad_per_s: NDArray[np.float64],
+    *,
+    total: int,
+    device: str = "Hero12",
+    position_deg: tuple[float, float] | None = None,
+) -> bytes:
     """Return a payload of telemetry that holds these samples of a gyroscope.
 
     Parameters
@@ -193,6 +206,8 @@ def gpmf_payload(rad_per_s: NDArray[np.float64], *, total: int, device: str = "H
         Samples of the clip up to the end of this payload.
     device : str, optional
         What the camera calls itself.
+    position_deg : (float, float), optional
+        Latitude and longitude: ten samples of them, at one place.
     """
     counts = np.rint(rad_per_s * _SCALE).astype(">i2")
     stream = (
@@ -208,7 +223,21 @@ def gpmf_payload(rad_per_s: NDArray[np.float64], *, total: int, device: str = "H
         1,
         _record(b"DVID", "L", 4, struct.pack(">L", 1))
         + _record(b"DVNM", "c", 1, device.encode())
-        + _record(b"STRM", "\0", 1, stream),
+        + _record(b"STRM", "\0", 1, stream)
+        + (b"" if position_deg is None else _record(b"STRM", "\0", 1, _places(position_deg))),
+    )
+
+
+def _places(position_deg: tuple[float, float]) -> bytes:
+    scale = np.array([10_000_000, 10_000_000, 1000, 1000, 100], ">i4")
+    sample = np.rint(np.array([*position_deg, 520.0, 0.1, 0.1]) * scale).astype(">i4")
+    return (
+        _record(b"STNM", "c", 1, b"GPS (Lat., Long., Alt., 2D speed, 3D speed)")
+        + _record(b"GPSF", "L", 4, struct.pack(">L", 3))
+        + _record(b"GPSU", "U", 16, b"260301120000.000")
+        + _record(b"GPSP", "S", 2, struct.pack(">H", 154))
+        + _record(b"SCAL", "l", 4, scale.tobytes())
+        + _record(b"GPS5", "l", 20, np.tile(sample, 10).tobytes())
     )
 
 

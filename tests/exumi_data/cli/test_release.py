@@ -43,7 +43,7 @@ def test_a_release(root: Path, tmp_path: Path) -> None:
     text = good(root, tmp_path / "v1", "--split", "episode", "--lists", "train=2,val=1")
     assert "tests 1.0.0, 3 episodes" in text
     assert "split default: train 2, val 1" in text
-    fingerprint = text.rpartition(" ")[2].strip()
+    fingerprint = text.rpartition("manifest): ")[2].split()[0]
     text = good("verify", tmp_path / "v1", "--fingerprint", fingerprint)
     assert "everything is as released" in text
     assert fingerprint in text

@@ -11,7 +11,6 @@ from exumi_data.editing.documents import write_splits
 from exumi_data.editing.revising import revise
 from exumi_data.errors import DamagedDataError, UsageError
 from exumi_data.model.dataset import SplitDocument
-from exumi_data.release import building
 from exumi_data.release.building import build_release, partial_folder
 from exumi_data.release.judging import Judgement
 from exumi_data.release.packing import JOURNAL_NAME
@@ -172,23 +171,14 @@ def test_bytes_that_the_catalog_does_not_know(source: Path, tmp_path: Path) -> N
     assert not (tmp_path / "out").exists()
 
 
-def test_what_describes_a_release_is_listed(
-    source: Path, tmp_path: Path, release: Release, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Describers find a manifest of the rest, and what they write is in the final one."""
-    listed = []
-
-    def describe(root: Path, judgement: Judgement) -> None:
-        assert judgement.report is not None
-        listed.append(json.loads((root / "manifest.json").read_text()))
-        (root / "croissant.json").write_text("{}")
-
-    monkeypatch.setattr(building, "DESCRIBERS", (describe,))
-    release(source, tmp_path / "out")
-    assert len(listed[0]["episodes"]) == 3
-    final = json.loads((tmp_path / "out" / "manifest.json").read_text())
-    paths = {one["path"] for one in final["files"]}
-    assert paths - {one["path"] for one in listed[0]["files"]} == {"croissant.json"}
+def test_what_describes_a_release_is_listed(source: Path, tmp_path: Path, release: Release) -> None:
+    release(source, tmp_path / "out", published="2026-03-01")
+    listed = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    paths = {one["path"] for one in listed["files"]}
+    assert {"README.md", "croissant.json", "LICENSE", "CHANGELOG.md"} <= paths
+    described = json.loads((tmp_path / "out" / "croissant.json").read_text())
+    assert described["version"] == "1.0.0"
+    assert described["datePublished"] == "2026-03-01"
     assert verify_release(tmp_path / "out").good
 
 

@@ -1,0 +1,43 @@
+"""Places in a file's bytes that may be private, and what can be written there instead."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from exumi_data.release.privacy.kinds import Kind
+
+__all__ = ["Patch", "ReadAt", "printable"]
+
+ReadAt = Callable[[int, int], bytes]
+"""From a place and a length to exactly that many bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """A place that may be private.
+
+    Attributes
+    ----------
+    kind : str
+    start : int
+        Where it begins, bytes from the beginning of the file.
+    new : bytes
+        What can be written there: as long as what is there. Empty: it cannot be taken out.
+    value : str
+        What is there.
+    why : str
+    secret : bytes
+        What must be nowhere in the file when this is taken out; may be empty.
+    """
+
+    kind: Kind
+    start: int
+    new: bytes
+    value: str
+    why: str
+    secret: bytes = b""
+
+
+def printable(content: bytes) -> str:
+    """Return the text that bytes begin with, or else the bytes in hexadecimal digits."""
+    text = content.split(b"\0")[0].decode("latin-1").strip()
+    return text if text and text.isprintable() else content.rstrip(b"\0").hex()

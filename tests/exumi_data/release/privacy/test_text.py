@@ -1,0 +1,74 @@
+import pytest
+
+from exumi_data.release.privacy.text import account_names, matches_in
+
+HOME = "/".join(["", "home", "ada"])
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "part", "instead"),
+    [
+        (f"{HOME}/clips/a.mov", "path", f"{HOME}/clips/a.mov", "a.mov"),
+        (f"{HOME}/my clips/a b.mov", "path", f"{HOME}/my clips/a b.mov", "a b.mov"),
+        ("exumi convert /data/in out --fast", "path", "/data/in", "in"),
+        ("written to ~/recordings/today.", "path", "~/recordings/today", "today"),
+        ("file:///mnt/nas/a.bin", "path", "file:///mnt/nas/a.bin", "a.bin"),
+        ("see /srv/rig/rig.toml, please", "path", "/srv/rig/rig.toml", "rig.toml"),
+        (HOME, "path", HOME, "removed"),
+        ("from C:\\Users\\ada\\x.csv", "path", "C:\\Users\\ada\\x.csv", "x.csv"),
+        ("\\\\nas\\share\\x.csv", "path", "\\\\nas\\share\\x.csv", "x.csv"),
+        ("/dev/serial/by-id/usb-FTDI_A5028-if00", "serial", None, "removed"),
+        ("mac 00:1b:44:11:3a:b7", "serial", "00:1b:44:11:3a:b7", "removed"),
+        ("by Ada <ada@lab.example.org>", "email", "ada@lab.example.org", "removed"),
+        ("scp ada@rig7:clips .", "host", "ada@rig7", "removed"),
+        ("tracker at 192.168.7.31:9000", "host", "192.168.7.31", "removed"),
+        ("http://hub.local/x", "host", "hub.local", "removed"),
+        ("at +48.1374+011.5755/", "gps", "+48.1374+011.5755/", "removed"),
+        ("lat 48.1374", "gps", "lat 48.1374", "removed"),
+    ],
+)
+def test_what_is_private(text: str, kind: str, part: str | None, instead: str) -> None:
+    (match,) = matches_in(text)
+    found = (match.kind, text[match.start : match.stop], match.instead)
+    assert found == (kind, text if part is None else part, instead)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "m/s and rad/s, N/m",
+        "left/right/both",
+        "2023-12-06/golf_ball_3.avi",
+        "streams/rgb/data/c/0",
+        "https://acme.example/home/smell.json",
+        "/dev/video0",
+        "/dev/i2c-1",
+        "60000/1001",
+        "exumi-activity/1",
+        "Lavf58.29.100",
+        "firmware H19.03.01.30.00",
+        "127.0.0.1:8080",
+        "version 1.2.3.4.5",
+        "10:31:07;12",
+        "2026-03-01T12:00:00Z",
+        "7d8f0a52-5a5b-4a0e-9d7c-3f2f6a1c9e10",
+        "git@github.com",
+        "+0.5-1.2",
+        "a ratio of 3/4/5",
+        "x ~/ y",
+        "numbers of force_N were rounded to float32",
+        "#/attributes/exumi",
+    ],
+)
+def test_what_is_not(text: str) -> None:
+    assert matches_in(text) == []
+
+
+def test_names_that_are_known_to_be_private() -> None:
+    text = f"ada and adam met {HOME}/x"
+    found = [text[m.start : m.stop] for m in matches_in(text, {"ada": "user"})]
+    assert found == ["ada", f"{HOME}/x"]
+    assert account_names(f"{HOME}/x C:\\Users\\bob\\y {HOME.replace('ada', 'ubuntu')}/z") == {
+        "ada",
+        "bob",
+    }
