@@ -20,7 +20,7 @@ setup: $(STAMP)  ## a virtual environment in .venv with everything pinned
 $(STAMP): pyproject.toml constraints.txt exumi_data/_version.py
 	@$(PYTHON) scripts/check_python.py
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[train,record,mcap,umi,test]"
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[train,record,mcap,umi,view,ray,cloud,release,test,docs]"
 	@touch $(STAMP)
 
 demo: setup  ## a simulated gripper plays: recorded live, validated, prepared, loaded, drawn

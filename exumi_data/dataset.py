@@ -3,6 +3,7 @@
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, SupportsIndex, overload
@@ -11,7 +12,9 @@ from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import DamagedDataError, NotAnEpisodeError, UsageError
 from exumi_data.model.dataset import DatasetMetadata, SplitDocument
 from exumi_data.model.documents import MAX_DOCUMENT_BYTES, dump, parse_dataset, parse_split
+from exumi_data.redaction import without_secrets
 from exumi_data.store.plain_files import read_plain
+from exumi_data.store.remote.address import is_url, join
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -32,15 +35,21 @@ class Dataset:
     Parameters
     ----------
     path : str
-        The dataset's folder.
+        The dataset's folder, or its URL.
     metadata : DatasetMetadata
         What ``dataset.json`` says.
     catalog : pyarrow.Table
         One row an episode, in the order of this object.
+
+    Attributes
+    ----------
+    path : str
+        For people: of a URL without its secrets.
     """
 
     def __init__(self, path: str, metadata: DatasetMetadata, catalog: "pa.Table") -> None:
-        self.path = path
+        self.path = without_secrets(path)
+        self._source = path
         self.metadata = metadata
         self.catalog = catalog
 
@@ -85,7 +94,7 @@ class Dataset:
             yield self._open(index)
 
     def episode_location(self, index: int) -> str:
-        """Return the full path of an episode.
+        """Return the full path of an episode, or its URL with what it takes to open it.
 
         Parameters
         ----------
@@ -104,7 +113,8 @@ class Dataset:
         from exumi_data.store.paths import check_member_path
 
         relative = self.catalog.column("path")[index].as_py()
-        return f"{self.path}/{check_member_path(relative, self.path)}"
+        check_member_path(relative, self.path)
+        return join(self._source, relative) if is_url(self._source) else f"{self.path}/{relative}"
 
     def _open(self, index: int) -> Episode:
         episode = open_episode(self.episode_location(index))
@@ -127,7 +137,7 @@ class Dataset:
         import pyarrow as pa
 
         chosen = pa.array(indices, pa.int64())  # an empty list alone would have no type
-        return Dataset(self.path, self.metadata, self.catalog.take(chosen))
+        return Dataset(self._source, self.metadata, self.catalog.take(chosen))
 
     def select(
         self,
@@ -175,7 +185,7 @@ class Dataset:
             )
             view = view._view(view._matching(column, wanted))
         if where is not None:
-            view = Dataset(view.path, view.metadata, view.catalog.filter(where))
+            view = Dataset(view._source, view.metadata, view.catalog.filter(where))
         return view
 
     def _matching(self, column: str, wanted: set[Any]) -> list[int]:
@@ -197,12 +207,13 @@ class Dataset:
         """The named splits stored with the dataset."""
         found = {}
         for name in self.metadata.splits:
-            path = Path(self.path, "splits", f"{name}.json")
+            path = f"splits/{name}.json"
+            where = f"{self.path}/{path}"
             try:
-                found[name] = parse_split(read_plain(path, MAX_DOCUMENT_BYTES), path)
+                found[name] = parse_split(_read_document(self._source, path), where)
             except FileNotFoundError:
                 raise DamagedDataError(
-                    f"dataset.json names a split {name!r} that is not there", where=path
+                    f"dataset.json names a split {name!r} that is not there", where=where
                 ) from None
         return found
 
@@ -215,9 +226,10 @@ class Dataset:
 
 
 def open_dataset(path: str | os.PathLike[str]) -> Dataset:
-    """Open a dataset folder.
+    """Open a dataset folder, or the URL of one.
 
-    A missing or stale catalog is built in memory, with one `CatalogWarning`.
+    A missing or stale catalog is built in memory, with one `CatalogWarning`; behind a URL it has to
+    be there.
 
     Raises
     ------
@@ -225,19 +237,63 @@ def open_dataset(path: str | os.PathLike[str]) -> Dataset:
         No ``dataset.json``.
     MetadataError, UnsupportedError
         It breaks the standard, or is newer.
+    DamagedDataError
+        Episodes cannot be read, or there is no usable catalog behind a URL.
+    UnreachableError
+        The server of a URL does not answer, or does not let us in.
     """
-    from exumi_data import catalog as catalogs  # pyarrow is slow to import
-
-    root = Path(path)
+    remote = is_url(path)
+    source = os.fsdecode(path)
     try:
-        raw = read_plain(root / DATASET_DOCUMENT, MAX_DOCUMENT_BYTES)
+        raw = _read_document(source, DATASET_DOCUMENT)
     except FileNotFoundError:
         raise NotAnEpisodeError(
             "no dataset.json: not an exUMI dataset",
             where=path,
             fix="Make one with: exumi convert SRC DST",
         ) from None
-    metadata = parse_dataset(raw, root / DATASET_DOCUMENT)
+    metadata = parse_dataset(raw, without_secrets(f"{source}/{DATASET_DOCUMENT}"))
+    table = _remote_catalog(source) if remote else _local_catalog(Path(path))
+    _check_ids(without_secrets(source), table)
+    return Dataset(source.rstrip("/") or "/", metadata, table)
+
+
+def _read_document(source: str, path: str) -> bytes:
+    """Read a JSON document of a dataset. Raises `FileNotFoundError`."""
+    if not is_url(source):
+        return read_plain(Path(source, path), MAX_DOCUMENT_BYTES)
+    from exumi_data.store.remote.stores import read_document  # nobody else needs it
+
+    return read_document(join(source, path), MAX_DOCUMENT_BYTES)
+
+
+def _remote_catalog(url: str) -> "pa.Table":
+    """Read the catalog of a remote dataset: without it, all episodes would have to be read."""
+    import tempfile
+
+    from exumi_data import catalog as catalogs  # pyarrow is slow to import
+    from exumi_data.store.parquet_limits import MAX_TABLE_BYTES
+    from exumi_data.store.remote.stores import read_document
+
+    table = None
+    with tempfile.TemporaryDirectory(prefix="exumi-") as folder, suppress(FileNotFoundError):
+        raw = read_document(join(url, catalogs.CATALOG_NAME), MAX_TABLE_BYTES)
+        Path(folder, catalogs.CATALOG_NAME).write_bytes(raw)
+        table = catalogs.read_catalog(Path(folder))
+    if table is None:
+        raise DamagedDataError(
+            f"{catalogs.CATALOG_NAME} is missing or cannot be read, and a remote dataset is known "
+            "by it alone",
+            where=url,
+            fix="Write it where the dataset was made (exumi index), and upload it.",
+        )
+    return table
+
+
+def _local_catalog(root: Path) -> "pa.Table":
+    """Read the catalog of a dataset's folder; what it lacks is read from the episodes."""
+    from exumi_data import catalog as catalogs  # pyarrow is slow to import
+
     table = catalogs.read_catalog(root)
     present = catalogs.list_episodes(root)
     known = [] if table is None else table.column("path").to_pylist()
@@ -247,7 +303,7 @@ def open_dataset(path: str | os.PathLike[str]) -> Dataset:
                 f"{root}: the catalog is {'missing' if table is None else 'stale'} and was built "
                 f"in memory. Write it with: exumi index {root}",
                 CatalogWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
         new = [p for p in present if p not in set(known)]
         added, failed = catalogs.build_catalog(root, paths=new)
@@ -264,11 +320,10 @@ def open_dataset(path: str | os.PathLike[str]) -> Dataset:
             table = catalogs.rows_to_table([*rows.values(), *added.to_pylist()])
         else:
             table = added
-    _check_ids(root, table)
-    return Dataset(str(path).rstrip("/") or "/", metadata, table)
+    return table
 
 
-def _check_ids(root: Path, table: "pa.Table") -> None:
+def _check_ids(root: str, table: "pa.Table") -> None:
     paths: dict[str, str] = {}
     for episode_id, path in zip(
         table.column("id").to_pylist(), table.column("path").to_pylist(), strict=True

@@ -15,7 +15,7 @@ from exumi_data.model.documents import parse_derived, parse_episode
 from exumi_data.model.episode import DerivedMetadata, EpisodeMetadata
 from exumi_data.model.images import EncodedImages, VideoImages
 from exumi_data.model.streams import StreamModel, images_of
-from exumi_data.store.access import FolderStore, ZipStore, open_store
+from exumi_data.store.access import Store, open_store
 
 if TYPE_CHECKING:
     from exumi_data.store.images import EncodedFrames, Frames, VideoStreamFrames
@@ -307,7 +307,7 @@ class Episode:
 
     Parameters
     ----------
-    store : FolderStore or ZipStore
+    store : Store
         Where its files are; `exumi_data.open` makes it from a path.
 
     Attributes
@@ -319,7 +319,7 @@ class Episode:
         Digest of the root document: it changes whenever the metadata does.
     """
 
-    def __init__(self, store: FolderStore | ZipStore) -> None:
+    def __init__(self, store: Store) -> None:
         self.store = store
         self.path = store.location
         try:
@@ -482,15 +482,15 @@ class Episode:
         self.close()
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (open_episode, (self.path,))
+        return (open_episode, (self.store.source,))
 
 
 def open_episode(path: str | os.PathLike[str]) -> Episode:
-    """Open one episode: a ``.zarr`` folder or a ``.zarr.zip``.
+    """Open one episode: a ``.zarr`` folder or a ``.zarr.zip``, or the URL of one.
 
     Raises
     ------
-    NotAnEpisodeError, MetadataError, UnsupportedError, DamagedDataError
+    NotAnEpisodeError, MetadataError, UnsupportedError, DamagedDataError, UnreachableError
     """
     text = os.fsdecode(path)
     name = text.rstrip("/").rpartition("/")[2]
@@ -500,4 +500,4 @@ def open_episode(path: str | os.PathLike[str]) -> Episode:
             where=text,
             fix="Run the command that was writing it again; it starts this episode anew.",
         )
-    return Episode(open_store(text))
+    return Episode(open_store(path))

@@ -13,8 +13,11 @@ as fields, so that a program can act on them. Tree::
     ├── LimitError            a file asks for more memory than it may
     ├── SourceError           a file to convert cannot be read
     ├── EpisodeExistsError    the final name is taken
+    ├── UnreachableError      a server does not answer, or does not let us in
     └── MissingExtraError     an optional dependency is not installed (also an ImportError)
 """
+
+from exumi_data.redaction import without_secrets
 
 __all__ = [
     "ChangedDataError",
@@ -26,6 +29,7 @@ __all__ = [
     "MissingExtraError",
     "NotAnEpisodeError",
     "SourceError",
+    "UnreachableError",
     "UnsupportedError",
     "UsageError",
 ]
@@ -45,9 +49,9 @@ class ExumiError(Exception):
     """
 
     def __init__(self, what: str, *, where: object = None, fix: str | None = None) -> None:
-        self.what = what
-        self.where = None if where is None else str(where)
-        self.fix = fix
+        self.what = without_secrets(what)
+        self.where = None if where is None else without_secrets(str(where))
+        self.fix = None if fix is None else without_secrets(fix)
         super().__init__(str(self))
 
     @property
@@ -123,6 +127,13 @@ class SourceError(ExumiError):
 
 class EpisodeExistsError(ExumiError):
     """The final name of an episode is already taken."""
+
+
+class UnreachableError(ExumiError):
+    """A server does not answer, does not let us in, or cannot do what it has to.
+
+    Nothing is said of the data: the same call may succeed later.
+    """
 
 
 class MissingExtraError(ExumiError, ImportError):

@@ -1,11 +1,12 @@
-"""``exumi_data.open``: a dataset, an episode's folder or a packed episode."""
+"""``exumi_data.open``: a dataset, an episode's folder or a packed episode, here or at a URL."""
 
 import os
 from pathlib import Path
 
 from exumi_data.dataset import DATASET_DOCUMENT, Dataset, open_dataset
 from exumi_data.episode import Episode, open_episode
-from exumi_data.errors import NotAnEpisodeError, UnsupportedError
+from exumi_data.errors import NotAnEpisodeError
+from exumi_data.store.remote.address import is_url
 
 __all__ = ["not_an_episode", "open"]
 
@@ -17,7 +18,8 @@ def open(path: str | os.PathLike[str]) -> Dataset | Episode:  # as in tarfile.op
     ----------
     path : path-like
         A dataset's folder, an episode's ``.zarr`` folder, or a packed ``.zarr.zip`` (which is
-        always one episode, never a dataset).
+        always one episode, never a dataset). Or the URL of one, as text: ``s3://``, ``gs://``,
+        ``az://``, ``https://`` (extra ``cloud``).
 
     Returns
     -------
@@ -29,6 +31,8 @@ def open(path: str | os.PathLike[str]) -> Dataset | Episode:  # as in tarfile.op
         Neither is there.
     MetadataError, UnsupportedError, DamagedDataError
         What is there cannot be read.
+    UnreachableError
+        The server of a URL does not answer, does not let us in, or cannot send parts of files.
 
     Examples
     --------
@@ -40,10 +44,8 @@ def open(path: str | os.PathLike[str]) -> Dataset | Episode:  # as in tarfile.op
     text = os.fsdecode(path)
     if not text:
         raise NotAnEpisodeError("an empty path was given")
-    if "://" in text:
-        raise UnsupportedError(
-            "URLs are not read yet", where=text, fix="Download it and give the local path."
-        )
+    if is_url(path):
+        return _open_url(text)
     target = Path(text)
     try:
         is_folder = target.is_dir()
@@ -56,6 +58,27 @@ def open(path: str | os.PathLike[str]) -> Dataset | Episode:  # as in tarfile.op
     if is_episode or target.name.endswith(".zarr"):
         return open_episode(text)
     raise not_an_episode(text)
+
+
+def _open_url(url: str) -> Dataset | Episode:
+    from exumi_data.store.remote.address import Address
+
+    address = Address.parse(url)
+    if not address.key.endswith((".zip", ".zarr")):
+        try:
+            return open_dataset(url)
+        except NotAnEpisodeError:
+            pass
+    try:
+        return open_episode(url)
+    except NotAnEpisodeError as error:
+        if address.key.endswith(".zip"):
+            raise
+        raise NotAnEpisodeError(
+            "neither a dataset (no dataset.json) nor an episode (no zarr.json)",
+            where=url,
+            fix="Give the URL of the dataset's folder, or of a .zarr.zip.",
+        ) from error
 
 
 def not_an_episode(path: str) -> NotAnEpisodeError:

@@ -9,8 +9,8 @@ import sys
 
 HEADER = """\
 # The versions that CI runs with; `make setup` installs exactly these. Made by scripts/freeze.py
-# from `pip install .[train,record,mcap,umi,test]` on Python 3.11. PyTorch's GPU libraries are left
-# out: torch pins them.
+# from `pip install .[train,record,mcap,umi,view,ray,cloud,release,test,docs]` on Python 3.11.
+# PyTorch's GPU libraries are left out: torch pins them.
 """
 GPU_PREFIXES = ("cuda-", "nvidia-", "triton")
 NOT_OURS = ("exumi-data", "pip")  # the project itself, and the tool that asks

@@ -10,6 +10,7 @@ EPILOG = epilog(
     "exumi info my-dataset",
     "exumi info my-dataset/episodes/3f/0190a1b2-4c5d-7e8f-9a0b-1c2d3e4f503f.zarr",
     "exumi info my-dataset --format json",
+    "exumi info s3://bucket/my-dataset",
 )
 
 

@@ -13,6 +13,7 @@ __all__ = [
     "QuietOption",
     "WorkersOption",
     "epilog",
+    "given_data",
     "given_path",
     "group",
 ]
@@ -68,17 +69,38 @@ def given_path(text: str | Path) -> Path:
         return text
     if "://" in text:
         raise UnsupportedError(
-            "URLs are not read yet", where=text, fix="Download it and give the local path."
+            "this works on local files, not on a URL",
+            where=text,
+            fix="Download it and give the local path.",
         )
     if not text:
         raise UsageError("an empty path was given", fix="For the current folder, say: .")
     return Path(text)
 
 
+def given_data(text: str) -> str:
+    """Return the path or the URL that a user named; an empty one is refused.
+
+    Parameters
+    ----------
+    text : str
+        What was typed.
+
+    Raises
+    ------
+    UsageError
+        It is empty.
+    """
+    return text if "://" in text else str(given_path(text))
+
+
 DataArgument = Annotated[
-    Path,
+    str,
     typer.Argument(
-        parser=given_path, metavar="PATH", help="A dataset, or one episode (.zarr or .zarr.zip)."
+        parser=given_data,
+        metavar="PATH",
+        help="A dataset, or one episode (.zarr or .zarr.zip); or a URL: s3://, gs://, az://, "
+        "https://.",
     ),
 ]
 

@@ -81,11 +81,9 @@ def run(  # options of the command line
 
     if level is not None and html is None:
         raise UsageError("--level belongs to --html", fix="Add --html FILE.")
-    source = exumi_data.open(path)
     if html is not None:
-        from exumi_data.stats.html import check_target
-
-        check_target(html, path)
+        _check_page(html, path)
+    source = exumi_data.open(path)
     total = 1 if isinstance(source, exumi_data.Episode) else len(source)
     with progress_of("Measuring", quiet=quiet) as update:
         update(0, total, "")
@@ -110,3 +108,16 @@ def run(  # options of the command line
         print_statistics(statistics, result_console())
     if statistics.unreadable:
         raise typer.Exit(FOUND_WRONG)
+
+
+def _check_page(html: Path, path: str) -> None:
+    """Refuse a page that cannot be made, before the work is done."""
+    from exumi_data.errors import UsageError
+    from exumi_data.stats.html import check_target
+
+    if "://" in path:
+        raise UsageError(
+            "--html looks at every frame, and takes data on this machine",
+            fix="Download the dataset first, or its preview.",
+        )
+    check_target(html, Path(path))

@@ -19,6 +19,7 @@ __all__ = ["EPILOG", "run"]
 EPILOG = epilog(
     "exumi validate my-dataset",
     "exumi validate grasp.zarr.zip --level hierarchy",
+    "exumi validate https://host/grasp.zarr.zip",
     "exumi validate my-dataset --format json > report.json",
     "exumi validate my-dataset --format junit > report.xml",
     "exumi validate my-dataset --config lab.toml --verbose",
@@ -133,12 +134,12 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     raise typer.Exit(report.exit_code)
 
 
-def _is_large(path: Path) -> bool:
+def _is_large(path: str) -> bool:
     """Whether a dataset has so many episodes that processes are started for them."""
-    return len(list(islice(path.glob("episodes/*/*.zarr*"), 8))) == 8
+    return len(list(islice(Path(path).glob("episodes/*/*.zarr*"), 8))) == 8
 
 
-def _config(path: Path, file: Path | None, *, no_config: bool) -> "Config | None":
+def _config(path: str, file: Path | None, *, no_config: bool) -> "Config | None":
     from exumi_data.errors import UsageError
     from exumi_validators import find_config, read_config
 
@@ -151,7 +152,7 @@ def _config(path: Path, file: Path | None, *, no_config: bool) -> "Config | None
 
 
 def _validated(
-    path: Path, level: _Level, config: "Config | None", *, workers: int | None, quiet: bool
+    path: str, level: _Level, config: "Config | None", *, workers: int | None, quiet: bool
 ) -> "Report":
     from exumi_data.cli.output import progress_of
     from exumi_data.standard import LEVELS

@@ -125,7 +125,7 @@ def _check(save: Path | None, *, web: bool, no_open: bool) -> None:
         check_display()
 
 
-def _chosen(path: Path, named: Sequence[str]) -> "Episode | Dataset":
+def _chosen(path: str, named: Sequence[str]) -> "Episode | Dataset":
     import exumi_data
     from exumi_data.editing.selection import find_ids
     from exumi_data.errors import UsageError

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from exumi_data.dataset import Dataset
@@ -122,7 +121,7 @@ def _episode(episode: Episode) -> EpisodeSummary:
     derived = episode.derived
     return EpisodeSummary(
         path=episode.path,
-        packed=not Path(episode.path).is_dir(),
+        packed=store.is_packed,
         bytes=sum(store.size(path) for path in store.paths()),
         samples={name: len(stream) for name, stream in episode.streams.items()},
         metadata=dump(episode.metadata),

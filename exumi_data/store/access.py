@@ -1,19 +1,17 @@
 """Where the bytes of an episode are: a folder, or one stored zip. Reading never writes.
 
-Both offer the same five calls; every read is a ``pread`` at a known offset, so that a packed
-episode reads as fast as a folder, and one object can be shared by threads and forked processes.
+All stores, here or behind a URL (`exumi_data.store.remote`), offer the same calls. Every local read
+is a ``pread`` at a known offset, so that a packed episode reads as fast as a folder, and one object
+can be shared by threads and forked processes.
 """
 
 import errno
-import io
 import os
 import stat
-import struct
-import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from exumi_data.errors import (
     ChangedDataError,
@@ -23,24 +21,46 @@ from exumi_data.errors import (
     NotAnEpisodeError,
 )
 from exumi_data.store.paths import check_member_path
+from exumi_data.store.remote.address import is_url
+from exumi_data.store.zip_directory import (
+    LOCAL_HEADER_BYTES,
+    LOCAL_MAGIC,
+    BoundedFile,
+    data_start,
+    read_members,
+)
 
-__all__ = ["BoundedFile", "FolderStore", "OpenFiles", "Store", "ZipStore", "open_store"]
+if TYPE_CHECKING:
+    from exumi_data.store.remote.reading import Identity
 
-_LOCAL_MAGIC = b"PK\x03\x04"
-_LOCAL_HEADER = struct.Struct("<4s5H3I2H")
-_ENCRYPTED = 0x1
-_DATA_DESCRIPTOR = 0x8
+__all__ = ["FolderStore", "OpenFiles", "Store", "ZipStore", "open_store", "open_stores"]
+
 _MAX_WHOLE_FILE = 64 << 20
-_MAX_DIRECTORY = 16 << 20
 _DEEPEST = 32
 _ROOT_DOCUMENT = "zarr.json"
+_TOGETHER = 32
 
 
 class Store(Protocol):
     """Read access to the files of one episode."""
 
     location: str
-    """The path, for messages."""
+    """The path, for messages; of a URL without its secrets."""
+
+    @property
+    def source(self) -> str:
+        """What opens the same store again: the path, or the URL with its secrets."""
+        ...
+
+    @property
+    def is_packed(self) -> bool:
+        """Whether it is one file."""
+        ...
+
+    @property
+    def identity(self) -> "Identity | None":
+        """Of a remote packed episode, which object it is, once that is known."""
+        ...
 
     def read(self, path: str) -> bytes:
         """Return a whole small file. Raises `FileNotFoundError`; `LimitError` above 64 MiB."""
@@ -187,6 +207,21 @@ class FolderStore:
         self._known: dict[str, tuple[str, _Identity]] = {}
         self._root: _Identity | None = None
 
+    @property
+    def source(self) -> str:
+        """The path."""
+        return self.location
+
+    @property
+    def is_packed(self) -> bool:
+        """Whether it is one file."""
+        return False
+
+    @property
+    def identity(self) -> None:
+        """None: local files are told apart by what the file system says."""
+        return
+
     def _check(self, path: str) -> None:
         """Refuse unsafe paths and folders that are links. Each folder is asked once."""
         check_member_path(path, self.location)
@@ -313,20 +348,6 @@ def _walk(root: str, prefix: str, depth: int = 0) -> Iterator[str]:
                 raise DamagedDataError(f"{path} is neither a file nor a folder", where=root)
 
 
-class BoundedFile(io.FileIO):
-    """A zip as `zipfile` may read it: its directory at once, but none of a hundred megabytes.
-
-    Each entry takes ten times its bytes in memory.
-    """
-
-    def read(self, size: int | None = -1) -> bytes:
-        """Read; raises `ValueError` where more is asked for than a directory has."""
-        if size is not None and size > _MAX_DIRECTORY:
-            msg = f"a directory of {size:,} bytes"
-            raise ValueError(msg)
-        return super().read(size) or b""
-
-
 class ZipStore:
     """An episode that is one stored (uncompressed) zip.
 
@@ -347,53 +368,27 @@ class ZipStore:
         self._members = self._read_directory()
         self._starts: dict[str, int] = {}
 
+    @property
+    def source(self) -> str:
+        """The path."""
+        return self.location
+
+    @property
+    def is_packed(self) -> bool:
+        """Whether it is one file."""
+        return True
+
+    @property
+    def identity(self) -> None:
+        """None: local files are told apart by what the file system says."""
+        return
+
     def _read_directory(self) -> dict[str, tuple[int, int]]:
         try:
-            with BoundedFile(self._real) as file, zipfile.ZipFile(file) as archive:
-                infos = archive.infolist()
-        except (
-            zipfile.BadZipFile,
-            ValueError,
-            OverflowError,
-            NotImplementedError,
-            OSError,
-            struct.error,
-        ) as error:
-            raise DamagedDataError(
-                f"not a readable zip ({error})",
-                where=self.location,
-                fix="It was probably cut short; copy it again from its source.",
-            ) from None
-        members: dict[str, tuple[int, int]] = {}
-        for info in infos:
-            is_folder = info.orig_filename.endswith("/")
-            name = check_member_path(info.orig_filename.removesuffix("/"), self.location)
-            problem = None
-            if is_folder:
-                problem = "is a directory entry; a packed episode has files only"
-            elif name in members:
-                problem = "appears twice"
-            elif info.compress_type != zipfile.ZIP_STORED:
-                problem = "is compressed; a packed episode is stored only"
-            elif info.flag_bits & (_ENCRYPTED | _DATA_DESCRIPTOR):
-                problem = "is encrypted or has a data descriptor"
-            elif info.compress_size != info.file_size:
-                problem = "has two different sizes"
-            elif stat.S_ISLNK(info.external_attr >> 16):
-                problem = "is a link"
-            elif not 0 <= info.header_offset <= self._file_size - info.file_size:
-                problem = "lies beyond the end of the file"
-            if problem:
-                raise DamagedDataError(
-                    f"{name} {problem}",
-                    where=self.location,
-                    fix="Unpack it elsewhere and pack it again with: exumi pack",
-                )
-            members[name] = (info.header_offset, info.file_size)
-        if sum(size for _, size in members.values()) > self._file_size:
-            # Bytes that belong to many members would make much data from a small file.
-            raise DamagedDataError("members overlap", where=self.location)
-        return members
+            with BoundedFile(self._real) as file:
+                return read_members(file, self._file_size, self.location)
+        except OSError as error:
+            raise _unreadable(self.location, error) from error
 
     def _locate(self, path: str) -> tuple[int, int]:
         try:
@@ -402,22 +397,10 @@ class ZipStore:
             raise FileNotFoundError(path) from None
         start = self._starts.get(path)
         if start is None:
-            # The local header's extra field may differ from the directory's, so it is read.
             name = path.encode()
-            raw = self._read_at(header, _LOCAL_HEADER.size + len(name), self.location)
-            fields = _LOCAL_HEADER.unpack_from(raw)
-            start = header + _LOCAL_HEADER.size + fields[9] + fields[10]
-            sound = (
-                fields[0] == _LOCAL_MAGIC
-                and not fields[2] & (_ENCRYPTED | _DATA_DESCRIPTOR)
-                and fields[3] == zipfile.ZIP_STORED
-                and fields[9] == len(name)
-                and raw.endswith(name)
-                and start + size <= self._file_size
-            )
-            if not sound:
-                raise DamagedDataError(f"{path} has no valid local header", where=self.location)
-            self._starts[path] = start
+            raw = self._read_at(header, LOCAL_HEADER_BYTES + len(name), self.location)
+            end = self._file_size - size
+            start = self._starts[path] = data_start(raw, header, path, end, self.location)
         return start, size
 
     def _read_at(self, start: int, length: int, where: str) -> bytes:
@@ -467,14 +450,13 @@ class ZipStore:
         self.__init__(state["location"])  # type: ignore[misc]  # descriptors do not cross processes
 
 
-def open_store(
-    path: str | os.PathLike[str], files: OpenFiles | None = None
-) -> FolderStore | ZipStore:
-    """Open a folder or a zip for reading.
+def open_store(path: str | os.PathLike[str], files: OpenFiles | None = None) -> Store:
+    """Open a folder or a zip for reading, here or behind a URL.
 
     Parameters
     ----------
     path : path-like
+        Or a URL.
     files : OpenFiles, optional
         Share open files with other stores.
 
@@ -484,7 +466,13 @@ def open_store(
         Nothing is there.
     DamagedDataError
         The zip is not a stored zip, is cut short, or holds unsafe names.
+    UnreachableError
+        The server of a URL does not answer, does not let us in, or cannot do what it has to.
     """
+    if is_url(path):
+        from exumi_data.store.remote.stores import open_remote  # nobody else needs it
+
+        return open_remote(os.fsdecode(path))
     target = Path(path)
     try:
         if target.is_dir():
@@ -496,10 +484,41 @@ def open_store(
     raise NotAnEpisodeError("no such file or folder", where=path)
 
 
+def open_stores(
+    paths: Sequence[str], known: "Mapping[str, Identity] | None" = None
+) -> Iterator[Store]:
+    """Open folders and zips one after the other; those behind URLs many at a time.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        Or URLs.
+    known : mapping of str to Identity, optional
+        Of packed episodes behind URLs which objects they have to be.
+
+    Yields
+    ------
+    Store
+
+    Raises
+    ------
+    ExumiError
+        As `open_store` does, or whatever is first read of a remote one.
+    """
+    for start in range(0, len(paths), _TOGETHER):
+        group = paths[start : start + _TOGETHER]
+        if not any(is_url(path) for path in group):
+            yield from map(open_store, group)
+            continue
+        from exumi_data.store.remote.stores import open_remotes  # nobody else needs it
+
+        yield from open_remotes(group, known or {})
+
+
 def _open_zip(path: Path, files: OpenFiles | None) -> ZipStore:
     with path.open("rb") as file:
         beginning = file.read(4)
-    if beginning != _LOCAL_MAGIC:
+    if beginning != LOCAL_MAGIC:
         raise NotAnEpisodeError(
             "neither an episode's folder nor a packed episode",
             where=path,

@@ -37,8 +37,11 @@ _MAX_VIDEO_BYTES = 8 << 30
 
 
 class _Source(Protocol):
+    @property
+    def store(self) -> Store: ...
     def __len__(self) -> int: ...
     def read_into(self, index: int, out: np.ndarray) -> None: ...
+    def ranges(self, index: int) -> list[tuple[str, int, int]]: ...
 
 
 class Frames:
@@ -209,6 +212,39 @@ class Frames:
             raise IndexError(msg)
         return self._source.file(index)
 
+    @property
+    def store(self) -> Store:
+        """Where the bytes of the frames are."""
+        return self._source.store
+
+    def get_ready(self) -> None:
+        """Read what says where frames are, so that reading one reads nothing else.
+
+        Raises
+        ------
+        DamagedDataError
+            These arrays are missing or damaged.
+        """
+        if len(self):
+            self._source.ranges(0)
+            if isinstance(self._source, EncodedFrames):
+                _ = self._source.crc32c
+
+    def ranges(self, indices: Iterable[int]) -> list[tuple[str, int, int]]:
+        """Return which bytes of the store hold frames: (path, start, length) each.
+
+        Parameters
+        ----------
+        indices : iterable of int
+            Each in [0, N).
+
+        Raises
+        ------
+        DamagedDataError
+            The arrays that say where frames are, are damaged.
+        """
+        return [found for index in indices for found in self._source.ranges(index)]
+
     def iterate(self, *, grey: bool = False) -> Iterator[np.ndarray]:
         """Yield every frame in order, (H, W, C) uint8; memory stays at one frame."""
         for index in range(len(self)):
@@ -227,6 +263,7 @@ class ArrayFrames:
     """Encoding ``array``."""
 
     def __init__(self, store: Store, path: str, images: ArrayImages, count: int) -> None:
+        self.store = store
         self._data = open_array(store, f"{path}/data")
         expected = (count, images.height, images.width, images.channels)
         self._where = f"{store.location}/{path}"
@@ -248,12 +285,17 @@ class ArrayFrames:
         else:
             _to_grey(frame, out)
 
+    def ranges(self, index: int) -> list[tuple[str, int, int]]:
+        """Return which bytes hold one frame."""
+        size = self._data.document.row_bytes
+        return self._data.ranges(index * size, size)
+
 
 class EncodedFrames:
     """Encoding ``encoded``: image files end to end."""
 
     def __init__(self, store: Store, path: str, images: EncodedImages, count: int) -> None:
-        self._store = store
+        self.store = store
         self._path = path
         self._where = f"{store.location}/{path}"
         self._count = count
@@ -264,7 +306,7 @@ class EncodedFrames:
 
     @cached_property
     def _data(self) -> ArrayReader:
-        data = open_array(self._store, f"{self._path}/data")
+        data = open_array(self.store, f"{self._path}/data")
         if len(data.shape) != 1 or data.dtype != np.uint8:
             raise DamagedDataError("`data` is not one-dimensional uint8", where=self._where)
         return data
@@ -272,7 +314,7 @@ class EncodedFrames:
     @cached_property
     def offset(self) -> np.ndarray:
         """(N+1,) uint64: where each file begins and ends."""
-        reader = open_array(self._store, f"{self._path}/offset")
+        reader = open_array(self.store, f"{self._path}/offset")
         if reader.shape != (self._count + 1,) or reader.dtype.kind != "u":
             raise DamagedDataError(
                 f"`offset` has shape {reader.shape} {reader.dtype}, expected "
@@ -287,7 +329,7 @@ class EncodedFrames:
     @cached_property
     def crc32c(self) -> np.ndarray:
         """(N,) uint32: checksum of each file."""
-        reader = open_array(self._store, f"{self._path}/crc32c")
+        reader = open_array(self.store, f"{self._path}/crc32c")
         if reader.shape != (self._count,) or reader.dtype != np.uint32:
             raise DamagedDataError("`crc32c` does not match the frames", where=self._where)
         return reader.read()
@@ -314,12 +356,17 @@ class EncodedFrames:
         except DamagedDataError as error:
             raise DamagedDataError(f"frame {index}: {error.what}", where=self._where) from None
 
+    def ranges(self, index: int) -> list[tuple[str, int, int]]:
+        """Return which bytes hold one frame's file."""
+        start, stop = int(self.offset[index]), int(self.offset[index + 1])
+        return self._data.ranges(start, stop - start) if stop - start <= MAX_FRAME_BYTES else []
+
 
 class VideoStreamFrames:
     """Encoding ``video``: container files, decoded from memory."""
 
     def __init__(self, store: Store, path: str, images: VideoImages, count: int) -> None:
-        self._store = store
+        self.store = store
         self._path = path
         self._where = f"{store.location}/{path}"
         self._images = images
@@ -330,7 +377,7 @@ class VideoStreamFrames:
         return self._count
 
     def _per_frame(self, name: str, dtype: str) -> np.ndarray:
-        reader = open_array(self._store, f"{self._path}/{name}")
+        reader = open_array(self.store, f"{self._path}/{name}")
         if reader.shape != (self._count,) or reader.dtype != np.dtype(dtype):
             raise DamagedDataError(
                 f"`{name}` has shape {reader.shape} {reader.dtype}, expected "
@@ -365,7 +412,7 @@ class VideoStreamFrames:
     @cached_property
     def offset(self) -> np.ndarray:
         """(F+1,) uint64: where each file begins and ends."""
-        reader = open_array(self._store, f"{self._path}/offset")
+        reader = open_array(self.store, f"{self._path}/offset")
         if reader.shape != (len(self._images.files) + 1,) or reader.dtype.kind != "u":
             raise DamagedDataError("`offset` does not match the files", where=self._where)
         offset = reader.read()
@@ -381,7 +428,7 @@ class VideoStreamFrames:
         start, stop = int(self.offset[file]), int(self.offset[file + 1])
         if stop - start > _MAX_VIDEO_BYTES:
             raise LimitError(f"video file {file} has {stop - start:,} bytes", where=self._where)
-        return open_array(self._store, f"{self._path}/data").bytes_at(start, stop - start)
+        return open_array(self.store, f"{self._path}/data").bytes_at(start, stop - start)
 
     def read_into(self, index: int, out: np.ndarray) -> None:
         """Decode one frame."""
@@ -393,6 +440,10 @@ class VideoStreamFrames:
             video = self._open_file(file)
             self._open[file] = video
         video.frames.read_into(index - video.first, out)
+
+    def ranges(self, index: int) -> list[tuple[str, int, int]]:
+        """Return nothing: a video file is read whole when its first frame is."""
+        return []
 
     def _open_file(self, file: int) -> "_OpenVideo":
         from exumi_data.store.video import VideoFrames, most_pixels  # PyAV is slow to import

@@ -399,6 +399,29 @@ class ArrayReader:
             ) from None
         return out.tobytes()
 
+    def ranges(self, start: int, length: int) -> list[tuple[str, int, int]]:
+        """Return which bytes of which files `bytes_at` reads: (path, start, length) each.
+
+        Raises
+        ------
+        DamagedDataError
+            A shard is missing, or its index is damaged.
+        """
+        found = []
+        while length > 0:
+            shard, offset = divmod(start, self._shard_bytes)
+            take = min(length, self._shard_bytes - offset)
+            path = self._shard(shard)
+            if self.is_contiguous(shard):
+                found.append((path, offset, take))
+            else:
+                chunk_bytes = self.document.chunk_bytes
+                first, last = offset // chunk_bytes, (offset + take - 1) // chunk_bytes
+                entries = self._index(shard)[first : last + 1].tolist()
+                found += [(path, begin, size) for begin, size in entries]
+            start, length = start + take, length - take
+        return found
+
     def rows(self, start: int, stop: int) -> np.ndarray:
         """Return rows [start, stop), shape (stop - start, *row_shape)."""
         row_bytes = self._row_bytes

@@ -2,7 +2,7 @@
 
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -14,11 +14,14 @@ from exumi_data.episode import Episode, StreamView, open_episode
 from exumi_data.errors import ChangedDataError, DamagedDataError, UsageError
 from exumi_data.model.description import Annotations, Label
 from exumi_data.model.streams import TactileStream
+from exumi_data.store.access import open_stores
 from exumi_loaders.readers import FrameReaders
+from exumi_loaders.reading_ahead import parts_at_hand
 from exumi_loaders.window_frames import OnCorrupt, Outcome, read_frames
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
+    from exumi_data.store.remote.reading import Identity
 
 __all__ = ["Clip", "Clips", "SalienceWarning", "SalientFrames"]
 
@@ -164,7 +167,9 @@ class Clips:
         wanted = None if stream is None else {stream} if isinstance(stream, str) else set(stream)
         self.dataset = dataset
         self.frames = frames
-        self.table, self.left_out, encodings, roots = _list_clips(dataset, wanted, provenance)
+        self.table, self.left_out, encodings, roots, identities = _list_clips(
+            dataset, wanted, provenance
+        )
         if not self.table:
             reasons = "; ".join(f"{count} {reason}" for reason, count in self.left_out.items())
             raise UsageError(
@@ -172,7 +177,7 @@ class Clips:
                 where=dataset.path,
                 fix=None if wanted is None else "Name a tactile stream that the episodes have.",
             )
-        self._readers = FrameReaders(dataset, encodings, roots)
+        self._readers = FrameReaders(dataset, encodings, roots, identities)
         self._salient: dict[int, SalientFrames] = {}
 
     def __len__(self) -> int:
@@ -287,10 +292,13 @@ class Clips:
         """
         there = np.zeros(which.shape, dtype=bool)
         damaged = np.zeros(which.shape, dtype=bool)
+        episodes = np.array([self.table[index].episode for index in chosen.tolist()], np.int64)
+        streams = [self.table[index].stream for index in chosen.tolist()]
+        self._readers.open_together(episodes, dict.fromkeys(streams))
+        numbers = np.full(which.shape, -1, dtype=np.int64)
         for row, index in enumerate(chosen.tolist()):
-            clip, rows = self.table[index], slice(row, row + 1)
             try:
-                numbers = self.salient(index).numbers[which[rows]]
+                numbers[row] = self.salient(index).numbers[which[row]]
             except DamagedDataError as error:
                 if on_corrupt == "raise" or isinstance(error, ChangedDataError):
                     raise
@@ -298,21 +306,29 @@ class Clips:
                 if reference is not None:
                     reference[row] = 0
                 damaged[row] = True
-                continue
-            there[rows], damaged[rows] = read_frames(
-                self._readers,
-                clip.stream,
-                np.array([clip.episode]),
-                numbers,
-                np.array([row]),
-                out,
-                reference,
-                on_corrupt=on_corrupt,
-            )
+        wanted = {
+            name: np.where(np.array([[name == stream] for stream in streams]), numbers, -1)
+            for name in dict.fromkeys(streams)
+        }
+        for part in parts_at_hand(self._readers, episodes, wanted):
+            for row in np.arange(len(chosen))[part].tolist():
+                if damaged[row].all():
+                    continue
+                rows = slice(row, row + 1)
+                there[rows], damaged[rows] = read_frames(
+                    self._readers,
+                    streams[row],
+                    episodes[rows],
+                    numbers[rows],
+                    np.array([row]),
+                    out,
+                    reference,
+                    on_corrupt=on_corrupt,
+                )
         return Outcome(there, damaged)
 
     def _select(self, clip: Clip) -> SalientFrames:
-        episode = open_episode(self.dataset.episode_location(clip.episode))
+        episode = self._readers.episode(clip.episode)
         view = episode[clip.stream]
         count = len(view)
         numbers = _stored_salient(episode, view, self.frames)
@@ -366,8 +382,8 @@ def _computed_salient(view: StreamView, wanted: int) -> np.ndarray:
 
 def _list_clips(
     dataset: "Dataset", wanted: set[str] | None, provenance: Provenance
-) -> tuple[list[Clip], dict[str, int], dict[str, str], np.ndarray]:
-    """Return clips, what was left out, how frames are stored, and digests of root documents."""
+) -> "tuple[list[Clip], dict[str, int], dict[str, str], np.ndarray, dict[str, Identity]]":
+    """Return clips, what was left out, how frames are stored, and which episodes they are of."""
     left_out: Counter[str] = Counter()
     chosen: list[int] = []
     encodings: dict[str, str] = {}
@@ -388,15 +404,13 @@ def _list_clips(
     locations = {dataset.episode_location(position): position for position in chosen}
     described: dict[int, dict[str, Clip]] = {}
     roots = np.zeros((len(dataset), 32), dtype=np.uint8)
-    read = partial(_describe, provenance=provenance)
-    few = len(chosen) < _MANY_EPISODES
-    for outcome in map_items(read, list(locations), workers=1 if few else None):
-        if outcome.value is None:
-            assert outcome.error is not None  # noqa: S101  # an outcome has one of the two
-            raise outcome.error
-        position = locations[outcome.item]
-        described[position], root = outcome.value
+    identities: dict[str, Identity] = {}
+    for location, (described_here, root, identity) in _described(list(locations), provenance):
+        position = locations[location]
+        described[position] = described_here
         roots[position] = np.frombuffer(bytes.fromhex(root), dtype=np.uint8)
+        if identity is not None:
+            identities[location] = identity
     table = [
         replace(clip, episode=position)
         for position in chosen
@@ -404,12 +418,39 @@ def _list_clips(
         if name in frames[position]
     ]
     reasons = {reason: count for reason, count in left_out.items() if count}
-    return table, reasons, encodings, roots
+    return table, reasons, encodings, roots, identities
 
 
-def _describe(location: str, *, provenance: Provenance) -> tuple[dict[str, Clip], str]:
-    """Read what is known of the tactile streams of an episode, and which revision it is."""
-    episode = open_episode(location)
+def _described(
+    locations: list[str], provenance: Provenance
+) -> "Iterator[tuple[str, _Description]]":
+    """Describe episodes; many of them in several processes."""
+    if len(locations) < _MANY_EPISODES:
+        for location, store in zip(locations, open_stores(locations), strict=True):
+            yield location, _describe(Episode(store), provenance)
+        return
+    read = partial(_describe_at, provenance=provenance)
+    for outcome in map_items(read, locations):
+        if outcome.value is None:
+            assert outcome.error is not None  # noqa: S101  # an outcome has one of the two
+            raise outcome.error
+        yield outcome.item, outcome.value
+
+
+def _describe_at(location: str, *, provenance: Provenance) -> "_Description":
+    return _describe(open_episode(location), provenance)
+
+
+class _Description(NamedTuple):
+    """What is known of an episode's tactile streams, and which revision and object it is."""
+
+    clips: dict[str, Clip]
+    root_sha256: str
+    identity: "Identity | None"
+
+
+def _describe(episode: Episode, provenance: Provenance) -> _Description:
+    """Read what is known of the tactile streams of an episode."""
     about = episode.metadata.annotations or Annotations()
     labels, origin = _ratings(about.labels or (), provenance)
     adjectives = _adjectives(about.labels or (), provenance, origin)
@@ -435,7 +476,7 @@ def _describe(location: str, *, provenance: Provenance) -> tuple[dict[str, Clip]
             adjectives=adjectives,
             provenance=origin,
         )
-    return found, episode.root_sha256
+    return _Description(found, episode.root_sha256, episode.store.identity)
 
 
 def _ratings(

@@ -13,6 +13,7 @@ from exumi_loaders.draws import words
 from exumi_loaders.layout import Layout
 from exumi_loaders.options import one_of, require_dataset
 from exumi_loaders.readers import FrameReaders
+from exumi_loaders.reading_ahead import parts_at_hand
 from exumi_loaders.steps import window_anchors
 from exumi_loaders.timeline import TimelineSettings, build_timeline
 from exumi_loaders.timeline_cache import default_cache
@@ -88,7 +89,9 @@ class EpisodeWindows(Windows):
         self._anchors, self._episode = window_anchors(
             self.timeline.edges, self._edges, self._stride, settings.span
         )
-        self._readers = FrameReaders(self.episodes, self.timeline.encodings, self.timeline.roots)
+        self._readers = FrameReaders(
+            self.episodes, self.timeline.encodings, self.timeline.roots, self.timeline.identities
+        )
 
     def _check_parents(self) -> None:
         layout = self.layout
@@ -144,7 +147,7 @@ class EpisodeWindows(Windows):
         at : (R,) int64
             Which window it is, in [0, len(self)).
         """
-        damaged = self._fill(arrays, rows, epochs, at)
+        damaged = self._fill_parts(arrays, rows, epochs, at)
         if self._on_corrupt == "substitute":
             arrays["substituted"][rows] = damaged
         if self._on_corrupt != "skip":
@@ -162,7 +165,24 @@ class EpisodeWindows(Windows):
                     fix="See what is damaged: exumi validate --level data",
                 )
             arrays["replaced"][rows] = tries
-            damaged = self._fill(arrays, rows, epochs, self._replacements(epochs, at, tries))
+            at_instead = self._replacements(epochs, at, tries)
+            damaged = self._fill_parts(arrays, rows, epochs, at_instead)
+
+    def _fill_parts(
+        self, arrays: Mapping[str, np.ndarray], rows: np.ndarray, epochs: np.ndarray, at: np.ndarray
+    ) -> np.ndarray:
+        """Fill rows, those of remote episodes part by part: see `parts_at_hand`."""
+        if not self._readers.is_remote:
+            return self._fill(arrays, rows, epochs, at)
+        damaged = np.zeros(len(at), dtype=np.int64)
+        wanted = self._frames(epochs, at)
+        for part in parts_at_hand(self._readers, self._episode[at], wanted):
+            damaged[part] = self._fill(arrays, rows[part], epochs[part], at[part])
+        return damaged
+
+    @abstractmethod
+    def _frames(self, epochs: np.ndarray, at: np.ndarray) -> dict[str, np.ndarray]:
+        """Return of each image stream the frames of windows, (R, K) int; -1 is none."""
 
     @abstractmethod
     def _fill(

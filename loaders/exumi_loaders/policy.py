@@ -346,6 +346,13 @@ class PolicyWindows(EpisodeWindows):
         self._add_motion(arrays, np.arange(len(at)), at)
         return arrays
 
+    def _frames(self, epochs: np.ndarray, at: np.ndarray) -> dict[str, np.ndarray]:
+        """Return of each image stream the frames at hand; nothing is drawn."""
+        anchors = self._anchors[at]
+        return {
+            name: np.asarray(self.timeline.seen_frame[name][anchors]) for name in self.layout.images
+        }
+
     def _fill(
         self,
         arrays: Mapping[str, np.ndarray],
@@ -356,9 +363,8 @@ class PolicyWindows(EpisodeWindows):
         """Fill rows; return how many frames of each are damaged, (R,) int."""
         complete = self._add_motion(arrays, rows, at)
         damaged = np.zeros(len(at), dtype=np.int64)
-        for name in self.layout.images:
-            frames = self.timeline.seen_frame[name][self._anchors[at]]
-            there, bad = self._add_frames(arrays, name, rows, at, np.asarray(frames))
+        for name, frames in self._frames(epochs, at).items():
+            there, bad = self._add_frames(arrays, name, rows, at, frames)
             complete &= there.all(axis=1)
             damaged += bad
         arrays["valid"][rows] = complete

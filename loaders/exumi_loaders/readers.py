@@ -2,14 +2,27 @@
 
 import resource
 from collections import OrderedDict
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exumi_data.dataset import Dataset
 from exumi_data.episode import Episode
-from exumi_data.errors import ChangedDataError, MetadataError, NotAnEpisodeError, UnsupportedError
-from exumi_data.store.access import OpenFiles, open_store
+from exumi_data.errors import (
+    ChangedDataError,
+    ExumiError,
+    MetadataError,
+    NotAnEpisodeError,
+    UnreachableError,
+    UnsupportedError,
+)
+from exumi_data.store.access import OpenFiles, Store, open_store, open_stores
 from exumi_data.store.images import Frames
+from exumi_data.store.remote.address import is_url
+
+if TYPE_CHECKING:
+    from exumi_data.store.remote.reading import Identity
 
 __all__ = ["FrameReaders"]
 
@@ -29,12 +42,25 @@ class FrameReaders:
         How each image stream is stored: decides how many readers are kept.
     roots : (E, 32) uint8, optional
         SHA-256 of the root documents that episodes have to have: `Timeline.roots`.
+    identities : mapping of str to Identity, optional
+        Of remote episodes, by location, which objects they have to be, as far as that is known.
+
+    Attributes
+    ----------
+    is_remote : bool
+        Whether episodes are behind URLs.
     """
 
     def __init__(
-        self, dataset: Dataset, encodings: dict[str, str], roots: np.ndarray | None = None
+        self,
+        dataset: Dataset,
+        encodings: dict[str, str],
+        roots: np.ndarray | None = None,
+        identities: "Mapping[str, Identity] | None" = None,
     ) -> None:
         self._locations = [dataset.episode_location(index) for index in range(len(dataset))]
+        self.is_remote = any(map(is_url, self._locations))
+        self._identities = dict(identities or {})
         self._roots = roots
         self._kept = {name: _KEPT.get(kind, _KEPT_VIDEO) for name, kind in encodings.items()}
         self._files = OpenFiles(_most_open_files())
@@ -44,12 +70,20 @@ class FrameReaders:
         self._last: tuple[int, Episode] | None = None
 
     def __getstate__(self) -> dict[str, object]:
-        return {"locations": self._locations, "kept": self._kept, "roots": self._roots}
+        return {
+            "locations": self._locations,
+            "kept": self._kept,
+            "roots": self._roots,
+            "is_remote": self.is_remote,
+            "identities": self._identities,
+        }
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self._locations = state["locations"]  # type: ignore[assignment]  # as __getstate__ wrote
         self._kept = state["kept"]  # type: ignore[assignment]
         self._roots = state["roots"]  # type: ignore[assignment]
+        self.is_remote = state["is_remote"]  # type: ignore[assignment]
+        self._identities = state["identities"]  # type: ignore[assignment]
         self._files = OpenFiles(_most_open_files())
         self._readers = {name: OrderedDict() for name in self._kept}
         self._last = None
@@ -72,12 +106,52 @@ class FrameReaders:
         if found is not None:
             readers.move_to_end(episode)
             return found
-        view = self.episode(episode)[stream]
+        return self._keep(episode, stream, self.episode(episode))
+
+    def _keep(self, episode: int, stream: str, opened: Episode) -> tuple[Frames, np.ndarray | None]:
+        view, readers = opened[stream], self._readers[stream]
         found = (view.frames, view.reference if view.kind == "tactile" else None)
         readers[episode] = found
         if len(readers) > self._kept[stream]:
             readers.popitem(last=False)
         return found
+
+    def open_together(self, episodes: np.ndarray, streams: Iterable[str]) -> None:
+        """Open remote episodes at once: one after the other, each would be waited for.
+
+        What is wrong with one of them is said by `get`.
+
+        Parameters
+        ----------
+        episodes : (B,) int
+        streams : iterable of str
+            Those that will be read.
+
+        Raises
+        ------
+        UnreachableError
+            The server does not answer or does not let us in.
+        """
+        if not self.is_remote:
+            return
+        names = list(streams)
+        new = [
+            episode
+            for episode in np.unique(episodes).tolist()
+            if any(episode not in self._readers[name] for name in names)
+        ]
+        stores = open_stores([self._locations[episode] for episode in new], self._identities)
+        for episode, store in zip(new, stores, strict=True):
+            try:
+                opened = self._checked(episode, store)
+                for name in names:
+                    if name in opened and episode not in self._readers[name]:
+                        source, _ = self._keep(episode, name, opened)
+                        source.get_ready()
+            except UnreachableError:
+                raise
+            except ExumiError:
+                continue
 
     def episode(self, episode: int) -> Episode:
         """Return an episode; of several calls in a row for the same one it is opened once.
@@ -95,7 +169,19 @@ class FrameReaders:
     def _open(self, episode: int) -> Episode:
         location = self._locations[episode]
         try:
-            opened = Episode(open_store(location, self._files))
+            if self.is_remote:
+                (store,) = open_stores([location], self._identities)
+            else:
+                store = open_store(location, self._files)
+        except NotAnEpisodeError as error:
+            raise _changed(location, f"can no longer be read ({error.what})") from error
+        return self._checked(episode, store)
+
+    def _checked(self, episode: int, store: Store) -> Episode:
+        """Return an episode that is the one which is expected."""
+        location = self._locations[episode]
+        try:
+            opened = Episode(store)
         except (NotAnEpisodeError, MetadataError, UnsupportedError) as error:
             raise _changed(location, f"can no longer be read ({error.what})") from error
         if (
@@ -103,6 +189,8 @@ class FrameReaders:
             and opened.root_sha256 != np.asarray(self._roots[episode]).tobytes().hex()
         ):
             raise _changed(location, "is another revision than the one these windows were made of")
+        if store.identity is not None:
+            self._identities[location] = store.identity
         return opened
 
 

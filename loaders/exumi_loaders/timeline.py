@@ -9,14 +9,16 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exumi_data.dataset import Dataset
 from exumi_data.engine import map_items, warm_up
-from exumi_data.episode import Episode, StreamView, open_episode
+from exumi_data.episode import Episode, StreamView
 from exumi_data.errors import MetadataError, UsageError
 from exumi_data.geometry import interpolate_linear, interpolate_poses
+from exumi_data.store.access import open_stores
 from exumi_data.tactile.activity import ACTIVE_THRESHOLD
 from exumi_data.ticks import DEFAULT_TICK_S, image_tolerance_ns, max_gap_ns, tick_times_ns
 from exumi_data.time import nearest_indices
@@ -24,6 +26,9 @@ from exumi_loaders.at_hand import Observed, at_hand, first_instant_ns, observati
 from exumi_loaders.calibration import calibration_digest
 from exumi_loaders.layout import Layout
 from exumi_loaders.timeline_cache import cache_key, load_timeline, save_timeline
+
+if TYPE_CHECKING:
+    from exumi_data.store.remote.reading import Identity
 
 __all__ = ["Timeline", "TimelineSettings", "build_timeline"]
 
@@ -128,6 +133,7 @@ class _EpisodeTimeline:
     parents: dict[str, str]
     calibrations: dict[str, str]
     root: np.ndarray
+    identity: "Identity | None"
 
 
 @dataclass(frozen=True)
@@ -162,6 +168,9 @@ class Timeline:
         Of each pose and width stream the newest sample at hand.
     seen_valid : dict of str to (T, n) bool
         Whether `seen_low` is not stale.
+    identities : dict of str to Identity
+        Of remote episodes, by location, which objects were read for the timeline. Empty where it
+        comes from the cache.
     """
 
     layout: Layout
@@ -178,6 +187,7 @@ class Timeline:
     seen_frame: dict[str, np.ndarray] = field(default_factory=dict)
     seen_low: dict[str, np.ndarray] = field(default_factory=dict)
     seen_valid: dict[str, np.ndarray] = field(default_factory=dict)
+    identities: "dict[str, Identity]" = field(default_factory=dict, kw_only=True)
 
     @property
     def ticks(self) -> int:
@@ -220,11 +230,6 @@ class Timeline:
         return tick_times_ns(tick, self.settings.tick_s)
 
 
-def _episode_timeline(path: str, *, layout: Layout, settings: TimelineSettings) -> _EpisodeTimeline:
-    with open_episode(path) as episode:
-        return _compute(episode, layout, settings)
-
-
 def _compute(episode: Episode, layout: Layout, settings: TimelineSettings) -> _EpisodeTimeline:
     streams = {name: episode[name] for name in layout.streams}
     times = {name: stream.time for name, stream in streams.items()}
@@ -255,6 +260,7 @@ def _compute(episode: Episode, layout: Layout, settings: TimelineSettings) -> _E
         {name: pair.parent for name, pair in frames.items()},
         {name: calibration_digest(episode, name) for name in layout.images + layout.pose},
         np.frombuffer(bytes.fromhex(episode.root_sha256), dtype=np.uint8),
+        episode.store.identity,
     )
 
 
@@ -422,7 +428,11 @@ def _timelines(
 def _piece(
     paths: tuple[str, ...], *, layout: Layout, settings: TimelineSettings
 ) -> list[_EpisodeTimeline]:
-    return [_episode_timeline(path, layout=layout, settings=settings) for path in paths]
+    timelines = []
+    for store in open_stores(paths):
+        with Episode(store) as episode:
+            timelines.append(_compute(episode, layout, settings))
+    return timelines
 
 
 def _join(
@@ -460,7 +470,12 @@ def _join(
         there = [value for value in values if value is not None]
         return np.concatenate(there) if len(there) == len(values) else None
 
-    return Timeline(
+    identities = {
+        dataset.episode_location(index): part.identity
+        for index, part in enumerate(parts)
+        if part.identity is not None
+    }
+    timeline = Timeline(
         replace(
             layout,
             shapes=first.shapes,
@@ -489,6 +504,7 @@ def _join(
             )
         ),
     )
+    return replace(timeline, identities=identities)
 
 
 def _first_with(dataset: Dataset, parts: list[dict[str, str]]) -> dict[str, dict[str, str]]:

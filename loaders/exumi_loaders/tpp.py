@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,23 @@ if TYPE_CHECKING:
 __all__ = ["TPPWindows"]
 
 _NOISE = 20  # a purpose of draws, see draws.py
+
+
+class _Drawn(NamedTuple):
+    """What is drawn of some windows.
+
+    Attributes
+    ----------
+    masked : dict of str to (R,) bool
+        Whether each modality is left out.
+    tactile_steps : (R, K) int64 or None
+    frames : dict of str to ((R, K) int, (R, K) bool)
+        Of each image stream the frames, -1 for none, and which are hidden on purpose.
+    """
+
+    masked: dict[str, np.ndarray]
+    tactile_steps: np.ndarray | None
+    frames: dict[str, tuple[np.ndarray, np.ndarray]]
 
 
 class TPPWindows(EpisodeWindows):
@@ -306,28 +323,18 @@ class TPPWindows(EpisodeWindows):
         """Fill rows; return how many frames of each are damaged, (R,) int."""
         timeline, layout, steps = self.timeline, self.layout, self.steps
         episode = self._episode[at]
-        masked = {name: self._masks.draw(name, self._seed, epochs, at) for name in self._modalities}
+        drawn = self._draw(epochs, at)
+        masked = drawn.masked
         for name, values in masked.items():
             arrays[f"{name}_masked"][rows] = values
+        if drawn.tactile_steps is not None:
+            arrays["tactile_steps"][rows] = drawn.tactile_steps
         complete = np.ones(len(at), dtype=bool)
         damaged = np.zeros(len(at), dtype=np.int64)
-        if layout.tactile:
-            tactile_steps = self._tactile_steps(epochs, at)
-            arrays["tactile_steps"][rows] = tactile_steps
-            hidden = np.zeros(tactile_steps.shape, dtype=bool)
-            hidden[:, : steps.history_frames] = masked["tactile_history"][:, None]
-            flat, _ = self._ticks(at, tactile_steps)
-            for name in layout.tactile:
-                good, bad = self._add_unmasked(arrays, name, rows, at, flat, hidden)
-                complete &= good
-                damaged += bad
-        if layout.rgb:
-            flat, _ = self._ticks(at, np.array(steps.rgb))
-            hidden = np.repeat(masked["rgb"][:, None], len(steps.rgb), axis=1)
-            for name in layout.rgb:
-                good, bad = self._add_unmasked(arrays, name, rows, at, flat, hidden)
-                complete &= good
-                damaged += bad
+        for name, (frames, hidden) in drawn.frames.items():
+            there, bad = self._add_frames(arrays, name, rows, at, frames)
+            complete &= (there | hidden).all(axis=1)
+            damaged += bad
         flat, padding = self._ticks(at, steps.all)
         complete &= ~padding.any(axis=1)
         if layout.low:
@@ -338,8 +345,8 @@ class TPPWindows(EpisodeWindows):
             complete &= _put(arrays, "between", rows, *between, padding, masked["action"])
         if self._proprioception:
             count = len(layout.pose)
-            drawn = normal(self._seed, epochs, at, count * 6, purpose=_NOISE)
-            noise = drawn.reshape(-1, count, 6) * self._noise
+            noise = normal(self._seed, epochs, at, count * 6, purpose=_NOISE)
+            noise = noise.reshape(-1, count, 6) * self._noise
             past = slice(None, steps.history)
             known = relative_to_start(timeline, flat[:, past], timeline.edges[episode], noise)
             hidden = masked["proprioception"]
@@ -350,6 +357,30 @@ class TPPWindows(EpisodeWindows):
         arrays["time_ns"][rows] = self._time_ns(at)
         return damaged
 
+    def _frames(self, epochs: np.ndarray, at: np.ndarray) -> dict[str, np.ndarray]:
+        """Return of each image stream the frames of windows, but for hidden ones."""
+        return {name: frames for name, (frames, _) in self._draw(epochs, at).frames.items()}
+
+    def _draw(self, epochs: np.ndarray, at: np.ndarray) -> _Drawn:
+        """Draw what windows leave out and the steps of their history."""
+        layout, steps = self.layout, self.steps
+        masked = {name: self._masks.draw(name, self._seed, epochs, at) for name in self._modalities}
+        tactile_steps = None
+        frames: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        if layout.tactile:
+            tactile_steps = self._tactile_steps(epochs, at)
+            hidden = np.zeros(tactile_steps.shape, dtype=bool)
+            hidden[:, : steps.history_frames] = masked["tactile_history"][:, None]
+            flat, _ = self._ticks(at, tactile_steps)
+            for name in layout.tactile:
+                frames[name] = np.where(hidden, -1, self.timeline.frame[name][flat]), hidden
+        if layout.rgb:
+            flat, _ = self._ticks(at, np.array(steps.rgb))
+            hidden = np.repeat(masked["rgb"][:, None], len(steps.rgb), axis=1)
+            for name in layout.rgb:
+                frames[name] = np.where(hidden, -1, self.timeline.frame[name][flat]), hidden
+        return _Drawn(masked, tactile_steps, frames)
+
     def _tactile_steps(self, epochs: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         steps, count = self.steps, self.steps.history_frames
         if self._random_history:
@@ -358,28 +389,6 @@ class TPPWindows(EpisodeWindows):
             history = np.broadcast_to(steps.fixed_history, (len(chosen), count))
         future = np.broadcast_to(steps.tactile_future, (len(chosen), steps.future_frames))
         return np.concatenate((history, future), axis=1)
-
-    def _add_unmasked(  # where from, where to
-        self,
-        arrays: Mapping[str, np.ndarray],
-        name: str,
-        rows: np.ndarray,
-        at: np.ndarray,
-        ticks: np.ndarray,
-        hidden: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Decode the frames nearest to ticks (R, K), but for the hidden ones.
-
-        Returns
-        -------
-        complete : (R,) bool
-            All frames of the window are there, or hidden.
-        damaged : (R,) int
-            How many are damaged.
-        """
-        frames = np.where(hidden, -1, self.timeline.frame[name][ticks])
-        there, damaged = self._add_frames(arrays, name, rows, at, frames)
-        return (there | hidden).all(axis=1), damaged
 
 
 def _put(  # what, where, and what is wrong with it

@@ -27,7 +27,7 @@ def test_second_opening_reads_no_episode(
     def fail(*_: object, **__: object) -> None:
         pytest.fail("an episode was read although the timeline is cached")
 
-    monkeypatch.setattr("exumi_loaders.timeline.open_episode", fail)
+    monkeypatch.setattr("exumi_loaders.timeline.open_stores", fail)
     second = TPPWindows(dataset, cache=cache)
     np.testing.assert_array_equal(first.timeline.frame["tactile"], second.timeline.frame["tactile"])
     assert first.layout == second.layout

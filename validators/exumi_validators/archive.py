@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from exumi_data.store.access import BoundedFile
+from exumi_data.store.zip_directory import BoundedFile
 
 __all__ = ["ArchiveContext", "Member", "read_archive"]
 

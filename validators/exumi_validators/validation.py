@@ -1,6 +1,7 @@
 """`validate`: the one function that users call."""
 
 import os
+import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
@@ -15,8 +16,10 @@ from exumi_data.engine import map_items, warm_up
 from exumi_data.errors import NotAnEpisodeError, UnsupportedError, UsageError
 from exumi_data.model.episode import FORMAT_VERSION
 from exumi_data.opening import not_an_episode
+from exumi_data.redaction import without_secrets
 from exumi_data.standard import LEVELS, Level
 from exumi_data.stopping import Stopped
+from exumi_data.store.remote.address import is_url
 from exumi_validators.checks import dataset as dataset_module
 from exumi_validators.checks import manifest as manifest_module
 from exumi_validators.config import Config
@@ -63,7 +66,8 @@ def validate(
     Parameters
     ----------
     path : path-like
-        A dataset's folder, an episode's folder, or a packed episode.
+        A dataset's folder, an episode's folder, or a packed episode; or the URL of a packed episode
+        as text, which is downloaded to a temporary file first.
     levels : collection of {"document", "hierarchy", "arrays", "data"}, optional
         Which rules to judge; default all. ``data`` reads every byte and decodes every frame.
     config : Config, optional
@@ -85,7 +89,9 @@ def validate(
     UsageError
         An unknown level, or an installed package whose checks cannot be used.
     UnsupportedError
-        A URL.
+        A URL that is no packed episode's.
+    UnreachableError
+        The server of a URL does not answer or does not let us in.
     OSError
         The path itself cannot be read.
 
@@ -99,6 +105,8 @@ def validate(
     text = os.fspath(path)
     chosen = _chosen(levels)
     installed()  # a package that cannot be used is refused before anything is read
+    if is_url(path):
+        return _validate_remote(text, chosen, config, on_progress)
     if _kind(text) == "dataset":
         return _validate_dataset(text, chosen, config, workers, on_progress)
     result = validate_episode(text, chosen, config=config)
@@ -120,6 +128,28 @@ def validate(
     )
 
 
+def _validate_remote(
+    url: str,
+    levels: frozenset[Level],
+    config: Config | None,
+    on_progress: Callable[[int, int], None] | None,
+) -> Report:
+    """Judge a packed episode behind a URL: every byte of it is read anyway."""
+    from exumi_data.store.remote.download import download  # nobody else needs it
+
+    if not url.partition("?")[0].endswith(".zip"):
+        raise UnsupportedError(
+            "a dataset and an unpacked episode are judged where all their files are at hand",
+            where=url,
+            fix="Download it and give the local path. Packed episodes (.zarr.zip) can be judged "
+            "by their URL.",
+        )
+    with tempfile.TemporaryDirectory(prefix="exumi-") as folder:
+        file = download(url, Path(folder, "episode.zarr.zip"))
+        report = validate(file, levels=levels, config=config, on_progress=on_progress)
+    return replace(report, path=without_secrets(url))
+
+
 def _chosen(levels: Collection[Level] | None) -> frozenset[Level]:
     wanted = frozenset(LEVELS if levels is None else levels)
     unknown = sorted(str(level) for level in wanted - set(LEVELS))
@@ -134,10 +164,6 @@ def _chosen(levels: Collection[Level] | None) -> frozenset[Level]:
 def _kind(path: str) -> str:
     if not path:
         raise NotAnEpisodeError("an empty path was given")
-    if "://" in path:
-        raise UnsupportedError(
-            "URLs are not read yet", where=path, fix="Download it and give the local path."
-        )
     target = Path(path)
     if target.is_dir():
         is_episode = (target / "zarr.json").is_file() or ".zarr" in target.suffixes

@@ -2,9 +2,13 @@
 
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from exumi_data.errors import DamagedDataError, UnsupportedError
 from exumi_data.store.access import Store
+
+if TYPE_CHECKING:
+    from exumi_data.store.remote.reading import Identity
 from exumi_data.store.shards import ArrayReader
 
 __all__ = ["PatchedStore", "spread"]
@@ -33,6 +37,21 @@ class PatchedStore:
         self._replaced = dict(replaced)
         self._over = {path: sorted(pieces) for path, pieces in over.items()}
         self._starts = {path: [at for at, _ in pieces] for path, pieces in self._over.items()}
+
+    @property
+    def source(self) -> str:
+        """What opens the store below it."""
+        return self._store.source
+
+    @property
+    def is_packed(self) -> bool:
+        """Whether what lies below is one file."""
+        return self._store.is_packed
+
+    @property
+    def identity(self) -> "Identity | None":
+        """None: it is not the object that lies below."""
+        return None
 
     def read(self, path: str) -> bytes:
         """Return a whole small file."""

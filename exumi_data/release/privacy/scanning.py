@@ -95,7 +95,7 @@ def scan_store(store: Store, take: Take, removal: Removal | None = None) -> Scan
     """
     scan = Scan()
     _scan_documents(store, take, removal, scan)
-    with Episode(store) as episode:  # type: ignore[arg-type]  # any store is read in the same way
+    with Episode(store) as episode:
         for name, stream in episode.streams.items():
             images = images_of(stream.metadata)
             if isinstance(images, VideoImages):

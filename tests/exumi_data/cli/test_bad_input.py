@@ -223,11 +223,17 @@ def test_a_part_is_known_from_inside(
         assert f"Give all of it: {dataset}" in refused(exumi(verb, "."))
 
 
-@pytest.mark.parametrize("verb", READERS)
-def test_urls_are_refused_as_they_were_given(exumi: Program, verb: str) -> None:
-    assert "https://example.org/x: URLs are not read yet" in refused(
+@pytest.mark.parametrize("verb", ["pack", "index"])
+def test_urls_are_refused_where_something_is_written(exumi: Program, verb: str) -> None:
+    assert "https://example.org/x: this works on local files" in refused(
         exumi(verb, "https://example.org/x")
     )
+
+
+@pytest.mark.parametrize("verb", ["stats", "info", "validate"])
+def test_urls_are_refused_as_they_were_given(exumi: Program, verb: str) -> None:
+    said = refused(exumi(verb, "ftp://me:word@example.org/x.zip"))
+    assert "ftp://***@example.org/x.zip: ftp:// is no kind of URL" in said
 
 
 def test_names_cannot_write_to_the_terminal(exumi: Program, tmp_path: Path) -> None:

@@ -1,0 +1,151 @@
+"""Requests in parallel; in a forked process, through a helper process.
+
+obstore's threads do not survive a fork, and its calls would wait for them for ever. Workers of a
+DataLoader are forked. Such a process starts a fresh interpreter that sends its requests.
+"""
+
+import json
+import os
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import IO
+
+from exumi_data import errors
+from exumi_data.store.remote.address import Address
+from exumi_data.store.remote.requests import Answer, Request, perform
+
+__all__ = ["Fetcher", "Outcome", "perform_all", "serve"]
+
+Outcome = Answer | Exception
+"""What became of a request: FileNotFoundError or ExumiError, if it failed."""
+
+_PARALLEL = 32
+_HEADER = struct.Struct("<IQ")
+
+_first_user: int | None = None
+"""The process in which obstore started its threads: a fact of the whole process and its forks."""
+
+
+class Fetcher:
+    """Sends requests, many at a time. One for each process.
+
+    Attributes
+    ----------
+    requests : int
+        How many were sent.
+    """
+
+    def __init__(self) -> None:
+        self.requests = 0
+        self._pool: ThreadPoolExecutor | None = None
+        self._helper: _Helper | None = None
+        self._lock = threading.Lock()
+
+    def fetch(self, requests: Sequence[Request]) -> list[Outcome]:
+        """Send requests in parallel; return what became of each, in their order."""
+        global _first_user  # noqa: PLW0603  # see above: obstore's threads are the process's
+        with self._lock:
+            self.requests += len(requests)
+            if _first_user is None:
+                _first_user = os.getpid()
+            if _first_user != os.getpid():
+                self._helper = self._helper or _Helper()
+                return self._helper.fetch(requests)
+            if self._pool is None and len(requests) > 1:
+                self._pool = ThreadPoolExecutor(_PARALLEL, "exumi-remote")
+        return perform_all(requests, self._pool)
+
+
+def perform_all(requests: Sequence[Request], pool: ThreadPoolExecutor | None) -> list[Outcome]:
+    """Send requests, several at a time where there is a pool."""
+    if pool is None or len(requests) == 1:
+        return [_outcome(request) for request in requests]
+    return list(pool.map(_outcome, requests))
+
+
+def _outcome(request: Request) -> Outcome:
+    try:
+        return perform(request)
+    except (FileNotFoundError, errors.ExumiError) as error:
+        return error
+
+
+class _Helper:
+    """A fresh process that sends requests for this one; it ends when this one does."""
+
+    def __init__(self) -> None:
+        # Its modules are where ours are, however we found them.
+        path = os.pathsep.join(entry for entry in sys.path if entry)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "exumi_data.store.remote.helper"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+
+    def fetch(self, requests: Sequence[Request]) -> list[Outcome]:
+        """Send requests through the helper."""
+        sender, answers = self._process.stdin, self._process.stdout
+        assert sender is not None  # noqa: S101  # both are pipes
+        assert answers is not None  # noqa: S101
+        words = [(r.kind, *_words(r.address), r.start, r.length) for r in requests]
+        try:
+            sender.write(json.dumps(words).encode() + b"\n")
+            sender.flush()
+            return [_receive(answers) for _ in requests]
+        except (OSError, struct.error) as error:
+            raise errors.UnreachableError(
+                f"the process that reads remote data ended ({error})", fix="Try again."
+            ) from None
+
+
+def _words(address: Address) -> tuple[str, str, str, str]:
+    return address.root, address.key, address.query, address.user
+
+
+def serve(requests: IO[bytes], answers: IO[bytes]) -> None:
+    """Answer batches of requests until there are no more: what the helper does.
+
+    Parameters
+    ----------
+    requests : binary file
+        A JSON list of requests a line.
+    answers : binary file
+        For each request lengths, a JSON list that says what became of it, and its data.
+    """
+    pool = ThreadPoolExecutor(_PARALLEL)
+    for line in requests:
+        batch = [
+            Request(kind, Address(root, key, query, user), start, length)
+            for kind, root, key, query, user, start, length in json.loads(line)
+        ]
+        for outcome in perform_all(batch, pool):
+            _send(answers, outcome)
+        answers.flush()
+
+
+def _send(answers: IO[bytes], outcome: Outcome) -> None:
+    data = b""
+    if isinstance(outcome, Answer):
+        data, words = outcome.data, ["", outcome.size, outcome.tag, None]
+    elif isinstance(outcome, errors.ExumiError):
+        words = [type(outcome).__name__, outcome.what, outcome.where, outcome.fix]
+    else:
+        words = ["FileNotFoundError", str(outcome), None, None]
+    header = json.dumps(words).encode()
+    answers.write(_HEADER.pack(len(header), len(data)) + header + data)
+
+
+def _receive(answers: IO[bytes]) -> Outcome:
+    header, length = _HEADER.unpack(answers.read(_HEADER.size))
+    name, first, second, third = json.loads(answers.read(header))
+    if not name:
+        return Answer(answers.read(length), first, second)
+    if name == "FileNotFoundError":
+        return FileNotFoundError(first)
+    kind: type[errors.ExumiError] = getattr(errors, name)
+    return kind(first, where=second, fix=third)

@@ -1,0 +1,248 @@
+"""One request to a remote object through obstore, and what its failure means in words."""
+
+import base64
+import json
+import os
+from datetime import timedelta
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from urllib.parse import unquote
+
+from exumi_data.errors import (
+    DamagedDataError,
+    ExumiError,
+    LimitError,
+    MissingExtraError,
+    UnreachableError,
+)
+from exumi_data.redaction import without_secrets
+from exumi_data.store.remote.address import Address
+
+if TYPE_CHECKING:
+    from obstore.store import ObjectStore
+
+__all__ = ["Answer", "Request", "perform"]
+
+Kind = Literal["range", "tail", "whole", "head", "list"]
+
+MOST_LISTED = 100_000
+"""Objects of one listing: an episode has a hundred."""
+_TIMEOUTS = {"connect_timeout": "5s", "read_timeout": "20s", "timeout": "120s"}
+_RETRIES = 4
+_RETRY_S = 60
+_ENDPOINTS = ("AWS_ENDPOINT_URL", "AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT")
+_CREDENTIALS = {
+    "s3": "Set AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and AWS_REGION (and AWS_ENDPOINT_URL where "
+    "it is not Amazon's); for a public bucket AWS_SKIP_SIGNATURE=true.",
+    "gs": "Set GOOGLE_APPLICATION_CREDENTIALS to the file of a service account; for a public "
+    "bucket GOOGLE_SKIP_SIGNATURE=true.",
+    "az": "Set AZURE_STORAGE_ACCOUNT_NAME, and AZURE_STORAGE_ACCOUNT_KEY or "
+    "AZURE_STORAGE_SAS_TOKEN.",
+}
+_WEB_CREDENTIALS = "Give user and password in the URL (user:password@ in front of the host), or a "
+_WEB_CREDENTIALS += "URL that is signed and has not expired."
+
+
+class Request(NamedTuple):
+    """What is asked of a server.
+
+    Attributes
+    ----------
+    kind : {"range", "tail", "whole", "head", "list"}
+        `length` bytes from `start`; the last `length` bytes; all of an object of at most `length`
+        bytes; only what is known of it; what there is below a key.
+    """
+
+    kind: Kind
+    address: Address
+    start: int = 0
+    length: int = 0
+
+
+class Answer(NamedTuple):
+    """What a server said.
+
+    Attributes
+    ----------
+    data : bytes
+        Of ``list``, a JSON list of (key, size, tag).
+    size : int
+        Of the whole object.
+    tag : str
+        Its ETag, or where there is none when it was last modified: another object has another one.
+    """
+
+    data: bytes
+    size: int
+    tag: str
+
+
+def perform(request: Request) -> Answer:
+    """Send a request and wait for its answer. Memory is bounded, whatever the server sends.
+
+    Parameters
+    ----------
+    request : Request
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no such object.
+    UnreachableError
+        The server does not answer, does not let us in, or cannot send parts of objects.
+    LimitError
+        The object is longer than asked for.
+    """
+    store = _store(request.address.root, request.address.query, request.address.user)
+    from obstore.exceptions import BaseError  # there is a store, so there is obstore
+
+    try:
+        if request.kind == "list":
+            return _list(store, request.address)
+        if request.kind == "tail" and request.address.scheme == "az":  # it has no such request
+            return _tail_by_size(store, request)
+        return _get(store, request)
+    except FileNotFoundError:
+        raise FileNotFoundError(request.address.shown) from None
+    except (BaseError, ValueError, OSError) as error:
+        raise _explained(error, request.address) from None
+
+
+@lru_cache(maxsize=64)
+def _store(root: str, query: str, user: str) -> "ObjectStore":
+    """Return the store of a bucket or host; obstore keeps its connections."""
+    try:
+        from obstore.exceptions import BaseError
+        from obstore.store import from_url
+    except ImportError:
+        raise MissingExtraError(
+            "URLs are read with the package obstore, which is not installed",
+            fix='Install it with: pip install "exumi-data[cloud]"',
+        ) from None
+    client: dict[str, Any] = dict(_TIMEOUTS)
+    endpoint = next((os.environ[name] for name in _ENDPOINTS if os.environ.get(name)), "")
+    if root.startswith("http://") or endpoint.startswith("http://"):
+        client["allow_http"] = True  # who writes http:// means it
+    if user:
+        # In a header and not in the URL: libraries name URLs in their messages.
+        encoded = base64.b64encode(unquote(user).encode()).decode()
+        client["default_headers"] = {"Authorization": f"Basic {encoded}"}
+    options: dict[str, Any] = {}
+    if root.startswith("s3://") and endpoint:
+        options["config"] = {"endpoint": endpoint}
+    backoff = {
+        "init_backoff": timedelta(seconds=0.1),
+        "max_backoff": timedelta(seconds=5),
+        "base": 2,
+    }
+    retries = {
+        "max_retries": _RETRIES,
+        "retry_timeout": timedelta(seconds=_RETRY_S),
+        "backoff": backoff,
+    }
+    make: Any = from_url  # its overloads are by the kind of URL, which is not known here
+    try:
+        store: ObjectStore = make(
+            f"{root}?{query}" if query else root,
+            client_options=client,
+            retry_config=retries,
+            **options,
+        )
+        return store
+    except (BaseError, ValueError) as error:
+        raise _explained(error, Address(root, "", query, user)) from None
+
+
+def _get(store: "ObjectStore", request: Request) -> Answer:
+    import obstore
+
+    address = request.address
+    if request.kind == "head":
+        meta = obstore.head(store, address.key)
+        return Answer(b"", meta["size"], _tag(meta))
+    options: Any = None
+    if request.kind == "range":
+        options = {"range": (request.start, request.start + request.length)}
+    elif request.kind == "tail":
+        options = {"range": {"suffix": request.length}}
+    result = obstore.get(store, address.key, options=options)
+    meta = result.meta
+    if request.kind == "whole" and meta["size"] > request.length:
+        raise LimitError(f"the file has more than {request.length:,} bytes", where=address.shown)
+    parts, got = [], 0
+    for part in result.stream(min_chunk_size=1 << 20):
+        parts.append(bytes(part))
+        got += len(parts[-1])
+        if got > request.length:
+            raise UnreachableError(
+                "the server sends more than it was asked for",
+                where=address.shown,
+                fix="Download the data, and give the local path.",
+            )
+    return Answer(b"".join(parts), meta["size"], _tag(meta))
+
+
+def _tail_by_size(store: "ObjectStore", request: Request) -> Answer:
+    size = _get(store, request._replace(kind="head")).size
+    start = max(0, size - request.length)
+    return _get(store, Request("range", request.address, start, size - start))
+
+
+def _tag(meta: Any) -> str:
+    return str(meta["e_tag"] or meta["last_modified"].isoformat())
+
+
+def _list(store: "ObjectStore", address: Address) -> Answer:
+    import obstore
+
+    if address.scheme in ("http", "https"):
+        raise UnreachableError(
+            "a web server cannot list what it has",
+            where=address.shown,
+            fix="Pack episodes (exumi pack), and write the catalog (exumi index) before upload.",
+        )
+    found = []
+    for group in obstore.list(store, f"{address.key}/" if address.key else None):
+        found += [(meta["path"], meta["size"], _tag(meta)) for meta in group]
+        if len(found) > MOST_LISTED:
+            raise LimitError(f"more than {MOST_LISTED:,} objects", where=address.shown)
+    return Answer(json.dumps(found).encode(), len(found), "")
+
+
+def _explained(error: Exception, address: Address) -> ExumiError:
+    """Say what went wrong in one line; obstore's own message has pages, and secrets."""
+    name = type(error).__name__
+    text = str(error)
+    first = without_secrets(text.partition("\n")[0])[:200]
+    what, fix = f"cannot be read ({first})", "Try again; if it stays, download the data."
+    if name in ("PermissionDeniedError", "UnauthenticatedError"):
+        code = 403 if name == "PermissionDeniedError" else 401
+        what = f"access was denied ({code})"
+        fix = _CREDENTIALS.get(address.scheme, _WEB_CREDENTIALS)
+    elif "169.254.169.254" in text or "metadata.google.internal" in text:
+        what, fix = "there are no credentials", _CREDENTIALS[address.scheme]
+    elif name == "NotSupportedError":
+        what = "the server cannot send parts of a file (range requests)"
+        fix = "Put the data on one that can (S3, nginx, Apache), or download it."
+    elif "kind: Timeout" in text or "operation timed out" in text:
+        what = "the server did not answer in time"
+        fix = "Look whether it can be reached from here, and try again."
+    elif "kind: Connect" in text or "dns error" in text:
+        what = "the server cannot be reached"
+        fix = "Look at the name of the host, the network and its proxies, and try again."
+        if address.scheme == "s3":
+            fix = "Look at AWS_ENDPOINT_URL, AWS_REGION and the network, and try again."
+    elif "status: 416" in text or "InvalidRangeRequest" in text:
+        return DamagedDataError("is shorter than it was", where=address.shown)
+    elif "Body" in text or "IncompleteMessage" in text:
+        what = "the answer was cut short, each time it was asked for"
+    elif (status := _status(text)) is not None:
+        what, fix = f"the server answered with status {status}", "Try again later."
+        if status == 404:  # of a listing
+            what, fix = "there is no such bucket", "Look at the URL, and at AWS_ENDPOINT_URL."
+    return UnreachableError(what, where=address.shown, fix=fix)
+
+
+def _status(text: str) -> int | None:
+    _, _, rest = text.partition("status code: ")
+    return int(rest[:3]) if rest[:3].isdecimal() else None

@@ -1,0 +1,132 @@
+"""Web servers: good ones are read by ranges; of others it is said what is wrong with them."""
+
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import exumi_data
+from exumi_data.errors import ChangedDataError, NotAnEpisodeError, UnreachableError
+from exumi_data.store.remote import reading
+from exumi_data.store.remote.download import download
+from tests.servers import Web
+
+
+def frames_of(source: str | Path) -> np.ndarray:
+    episode = exumi_data.open(source)
+    assert isinstance(episode, exumi_data.Episode)
+    return episode["tactile"].frames[:]
+
+
+@pytest.mark.parametrize("name", ["packed", "folders"])
+def test_a_dataset_is_the_same_on_the_web(site: Web, folders: Path, name: str) -> None:
+    here, there = exumi_data.open(folders / name), exumi_data.open(f"{site.url}/{name}")
+    assert isinstance(here, exumi_data.Dataset)
+    assert isinstance(there, exumi_data.Dataset)
+    assert there.fingerprint == here.fingerprint
+    for mine, theirs in zip(here, there, strict=True):
+        np.testing.assert_array_equal(theirs["tactile"].frames[:], mine["tactile"].frames[:])
+        theirs.check_complete()
+    assert {method for method, _, _ in site.log} <= {"GET", "HEAD"}
+
+
+def test_only_parts_of_a_packed_episode_are_sent(site: Web, folders: Path) -> None:
+    episode = exumi_data.open(f"{site.url}/whole.zarr.zip")
+    assert len(site.log) == 1
+    _, _, asked = site.log[0]
+    assert asked == "bytes=-65536"
+    assert isinstance(episode, exumi_data.Episode)
+
+
+def test_a_folder_on_the_web_cannot_be_listed(site: Web) -> None:
+    episode = exumi_data.open(f"{site.url}/whole.zarr")
+    assert isinstance(episode, exumi_data.Episode)
+    with pytest.raises(UnreachableError, match="cannot list") as caught:
+        episode.store.paths()
+    assert "exumi pack" in str(caught.value)
+
+
+def test_user_and_password_are_sent_and_not_told(site: Web) -> None:
+    site.user = "me:pass word"
+    url = site.url.replace("://", "://me:pass%20word@") + "/packed"
+    dataset = exumi_data.open(url)
+    assert isinstance(dataset, exumi_data.Dataset)
+    assert dataset.path == site.url.replace("://", "://***@") + "/packed"
+    assert "word" not in repr(dataset) + dataset[0].path + repr(dataset[0])
+    with pytest.raises(UnreachableError, match=r"denied \(401\)") as caught:
+        exumi_data.open(f"{site.url}/packed")
+    assert "user:password@ in front of the host" in str(caught.value)
+
+
+def test_a_signed_url_is_used_and_not_told(site: Web, folders: Path) -> None:
+    site.query = "X-Signature=SECRET"
+    url = f"{site.url}/packed?X-Signature=SECRET"
+    dataset = exumi_data.open(url)
+    assert isinstance(dataset, exumi_data.Dataset)
+    assert dataset.path == f"{site.url}/packed?***"
+    assert len(dataset[:2]) == 2
+    assert dataset[1]["tactile"].frames[0].shape == (24, 32, 3)
+    site.query = "expired"
+    reading._readers.clear()
+    with pytest.raises(UnreachableError, match=r"denied \(403\)") as caught:
+        exumi_data.open(url)
+    assert "SECRET" not in str(caught.value)
+    assert "has not expired" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("mode", "message"),
+    [
+        ("no_ranges", "cannot send parts of a file"),
+        ("denied", r"access was denied \(403\)"),
+        ("down", "answered with status 503"),
+        ("slow", "did not answer in time"),
+        ("cut_short", "cut short"),
+        ("other_range", "Requested"),
+        ("much", "sends more than it was asked for"),
+    ],
+)
+def test_servers_that_do_wrong(site: Web, mode: str, message: str) -> None:
+    site.mode = mode
+    tracemalloc.start()
+    try:
+        with pytest.raises(UnreachableError, match=message) as caught:
+            exumi_data.open(f"{site.url}/whole.zarr.zip")
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    said = str(caught.value)
+    assert said.startswith(f"{site.url}/whole.zarr.zip: ")
+    assert "\n" not in said
+    assert len(said) < 400
+    assert most < 32 << 20
+
+
+def test_a_server_without_tags(site: Web, folders: Path) -> None:
+    site.mode = "no_tag"
+    np.testing.assert_array_equal(
+        frames_of(f"{site.url}/whole.zarr.zip"), frames_of(folders / "whole.zarr.zip")
+    )
+
+
+def test_a_file_that_changes(site: Web, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EXUMI_CACHE_BYTES", "0")
+    episode = exumi_data.open(f"{site.url}/whole.zarr.zip")
+    assert isinstance(episode, exumi_data.Episode)
+    site.tags["/whole.zarr.zip"] = "two"
+    large = max(episode.store.paths(), key=episode.store.size)
+    reading._readers.clear()
+    with pytest.raises(ChangedDataError, match="changed after it was opened"):
+        episode.store.read_range(large, 0, 100)
+
+
+def test_a_download_is_whole_or_not_there(site: Web, folders: Path, tmp_path: Path) -> None:
+    target = download(f"{site.url}/whole.zarr.zip", tmp_path / "got.zip")
+    assert target.read_bytes() == (folders / "whole.zarr.zip").read_bytes()
+    with pytest.raises(NotAnEpisodeError):
+        download(f"{site.url}/nothing.zip", tmp_path / "none.zip")
+    site.mode = "cut_short"
+    with pytest.raises(UnreachableError):
+        download(f"{site.url}/whole.zarr.zip", tmp_path / "half.zip")
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["got.zip"]
