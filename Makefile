@@ -10,7 +10,7 @@ STAMP := $(VENV)/.exumi-setup
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint types wheel-check conformance readers check format public-api hooks clean
+.PHONY: help setup demo docs test lint types wheel-check conformance readers check format public-api hooks clean
 
 help:  ## what can be made
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 22
@@ -43,6 +43,9 @@ lint: setup  ## style and the import contract
 types: setup  ## mypy, strict
 	$(BIN)/mypy
 
+docs: setup  ## the documentation as a site, in site/; warnings are errors
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 wheel-check: setup  ## sdist, wheel from it, fresh environment, import everything
 	$(BIN)/python scripts/check_wheel.py
 
@@ -60,7 +63,7 @@ readers: setup  ## both readers, ours and the second one (needs Node.js), on the
 	$(BIN)/python spec/conformance/run_reader.py -- $(BIN)/python spec/readers/dump.py
 	$(BIN)/python spec/readers/check_typescript.py $(if $(CI)$(EXUMI_REQUIRE_NODE),--require)
 
-check: test lint types wheel-check conformance readers  ## all of the above: what has to pass before a change goes in
+check: test lint types docs wheel-check conformance readers  ## all of the above: what has to pass before a change goes in
 
 format: setup  ## put the code in order
 	$(BIN)/ruff check --fix .

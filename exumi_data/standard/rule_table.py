@@ -78,7 +78,11 @@ class Rule:
         What to say when it is broken; ``{path}``, ``{index}``, ``{expected}``, ``{found}`` and
         words of the check's own are filled in.
     suggestion : str
-        What to do about it.
+        What to do about it, in the words that a finding carries.
+    why : str
+        What goes wrong in data that breaks it; of a third party's rule it may be empty.
+    mend : str
+        What else helps, where the suggestion needs it.
     anchor : str
         Where the rule stands, below ``spec/<version>/``.
     places : tuple of str
@@ -97,6 +101,8 @@ class Rule:
     suggestion: str
     anchor: str
     since: str
+    why: str = ""
+    mend: str = ""
     places: tuple[str, ...] = ()
     limits: "Mapping[str, float]" = field(default_factory=dict)
 

@@ -1,7 +1,8 @@
 """Every code block of the documentation runs as it stands, in the order of its page.
 
 A page's blocks share one folder, which holds `my-clips` (three short tactile videos), `my-touches`
-(six of three parts, with a table of labels) and `my-session` (a raw exUMI session). Blocks of
+(six of three parts, with a table of labels), `my-session` (a raw exUMI session) and, where a page
+does not make it itself, `demo/dataset` (simulated play). Blocks of
 Python are programs of their own in one process, which imports only once what they use. A block that
 is not run says why in an HTML comment on the line above: ``<!-- not run: reason -->``.
 """
@@ -9,6 +10,7 @@ is not run says why in an HTML comment on the line above: ``<!-- not run: reason
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import threading
@@ -18,6 +20,7 @@ from typing import Self
 import numpy as np
 import pytest
 
+from exumi_data.demo import DemoSettings, write_play_dataset
 from exumi_data.simulation.hub_session import HubSettings, simulate_hub_session
 
 ROOT = Path(__file__).parents[2]
@@ -26,6 +29,7 @@ BLOCK = re.compile(
     r"(?P<skip><!-- not run: .+? -->\n)?^```(?P<language>\w+)\n(?P<code>.*?)^```$",
     re.DOTALL | re.MULTILINE,
 )
+SKIPPED = re.compile(r"^<!-- not run: .+? -->\n```.*?^```$", re.DOTALL | re.MULTILINE)
 RUN = ("bash", "python")
 SHOWN = ("text", "json", "toml", "csv", "bibtex")
 TIMEOUT_S = 240
@@ -85,6 +89,13 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("session") / "my-session"
     settings = HubSettings(seconds=4.0, sweep_s=0.0, tactile_size=(72, 96))
     simulate_hub_session(folder, settings, demonstrations=2)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demo") / "dataset"
+    write_play_dataset(folder, DemoSettings(seconds=3.0), workers=1)
     return folder
 
 
@@ -152,10 +163,15 @@ def run_commands(code: str, folder: Path, environment: dict[str, str]) -> str | 
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_code_blocks(page: Path, clips: Path, touches: Path, session: Path, tmp_path: Path) -> None:
+def test_code_blocks(
+    page: Path, clips: Path, touches: Path, session: Path, demo: Path, tmp_path: Path
+) -> None:
+    text = page.read_text()
     (tmp_path / "my-session").symlink_to(session)
     (tmp_path / "my-clips").symlink_to(clips)
     (tmp_path / "my-touches").symlink_to(touches)
+    if "demo/dataset" in text and "--out demo" not in re.sub(SKIPPED, "", text):
+        shutil.copytree(demo, tmp_path / "demo" / "dataset")
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     folder = Path(sys.executable).parent
     environment = {**os.environ, "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"}
@@ -163,7 +179,7 @@ def test_code_blocks(page: Path, clips: Path, touches: Path, session: Path, tmp_
         # Starting worker processes takes longer than what they are given here; one page has them.
         environment["PYTHON_CPU_COUNT"] = "1"
     with PythonBlocks(tmp_path, environment) as python:
-        for match in BLOCK.finditer(page.read_text()):
+        for match in BLOCK.finditer(text):
             language, code = match["language"], match["code"]
             assert language in RUN + SHOWN, f"a block in {language!r}: neither run nor plain text"
             if match["skip"] or language in SHOWN:

@@ -83,6 +83,21 @@ def test_rules_are_complete() -> None:
         assert rule.suggestion.endswith((".", "?")) or "exumi" in rule.suggestion
 
 
+def test_every_rule_says_why_and_how_to_mend() -> None:
+    table = standard.rules().values()
+    for rule in table:
+        assert len(rule.why.split()) >= 12, rule.id
+        assert rule.why.endswith("."), rule.id
+        assert rule.why != rule.mend
+        # "Report it" helps the reader of a finding, but not who wrote the data.
+        if "maker of the program" in rule.suggestion or len(rule.suggestion) < 30:
+            assert rule.mend, f"{rule.id} says too little about mending"
+        if rule.mend:
+            assert rule.mend.endswith("."), rule.id
+    whys = [rule.why for rule in table]
+    assert len(set(whys)) == len(whys)
+
+
 def test_rules_cannot_be_changed() -> None:
     with pytest.raises(TypeError):
         standard.rules()["X-001"] = standard.rules()["TIME-001"]  # type: ignore[index]
