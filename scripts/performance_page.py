@@ -200,20 +200,46 @@ def _umi(r: Results) -> str:
 
 
 def _session(r: Results) -> str:
-    one, two = r["kept_1_workers"], r["kept_2_workers"]
-    most = max(one["peak_mb_of_largest_process"], two["peak_mb_of_largest_process"])
-    return (
-        f"two workers {two['times_real_time']}× real time ({two['seconds']:.0f} s), one worker "
-        f"{one['times_real_time']}×; {most} MB at most. The latency clip is looked at first, which "
-        "takes as long in a short session as in a long one"
-    )
+    parts = []
+    for one in r["kept"]:
+        two = one[f"{r['workers']}_workers"]
+        text = (
+            f"{one['session_s'] / 60:.1f} minutes and {one['mb'] / 1e3:.1f} GB: "
+            f"{two['times_real_time']:.0f}× real time ({two['seconds']:.0f} s), "
+            f"{two['peak_mb_of_largest_process']} MB at most"
+        )
+        if "1_workers" in one:
+            text += f"; one worker {one['1_workers']['times_real_time']:.0f}×"
+        parts.append(text)
+    return "; ".join(parts) + ". The latency clip is decoded first, whatever the session's length"
 
 
 def _decoded(r: Results) -> str:
     one, two = r["decoded_1_workers"], r["decoded_2_workers"]
     return (
-        f"two workers {two['of_decode_only']:.2f}, one worker {one['of_decode_only']:.2f}: each "
-        "frame is encoded as JPEG, too"
+        f"{two['frames']:,} frames: two workers {two['of_decode_only']:.2f}, one worker "
+        f"{one['of_decode_only']:.2f}: each frame is encoded as JPEG, too"
+    )
+
+
+def _truth(r: Results) -> str:
+    noisy = r["with_the_trackers_noise"]
+
+    def said(name: str, unit: str) -> str:
+        one = noisy[name]
+        within, share = one["share_within"]
+        return (
+            f"{one['rms']:.2f} {unit} rms, {one['most']:.2f} at most "
+            f"({100 * share:.2f} % within {within:g})"
+        )
+
+    return (
+        f"poses {said('pose_mm', 'mm')} and {said('pose_deg', 'degrees')}, widths "
+        f"{said('width_mm', 'mm')}; at the camera's frames, between two samples, poses "
+        f"{said('pose_at_frames_mm', 'mm')} and {said('pose_at_frames_deg', 'degrees')}, widths "
+        f"{said('width_at_frames_mm', 'mm')}; times of pictures {said('rgb_time_ms', 'ms')}, of "
+        f"touch {said('tactile_time_ms', 'ms')}; {noisy['tactile_frames_not_the_hubs']} tactile "
+        "frames are not the hub's own"
     )
 
 
@@ -335,14 +361,19 @@ TABLES: dict[str, tuple[Row, ...]] = {
             _umi,
         ),
         Row(
-            "a raw exUMI session of 10.5 minutes, videos kept",
+            "a raw exUMI session, videos kept, two workers",
             ("convert_session",),
             _session,
         ),
         Row(
-            "a short session (1,625 frames) with `--decode`, against one process that only decodes",
+            "a session with `--decode`, against one process that only decodes",
             ("convert_session",),
             _decoded,
+        ),
+        Row(
+            "simulated sessions (poses at 30 a second, with a tracker's noise) against their truth",
+            ("session_truth",),
+            _truth,
         ),
     ),
     "validating": (
