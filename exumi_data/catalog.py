@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from exumi_data.engine import Outcome, map_items
+from exumi_data.engine import Engine, Outcome, map_items
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import DamagedDataError, ExumiError, MetadataError, UsageError
 from exumi_data.model.episode import DerivedItem, EpisodeMetadata
@@ -236,6 +236,7 @@ def build_catalog(
     *,
     paths: "Sequence[str] | None" = None,
     workers: int | None = None,
+    engine: Engine | None = None,
     on_done: "Callable[[Outcome[str, dict[str, Any]]], None] | None" = None,
 ) -> "tuple[pa.Table, list[Outcome[str, dict[str, Any]]]]":
     """Read episodes and make the catalog.
@@ -247,6 +248,9 @@ def build_catalog(
     paths : sequence of str, optional
         Relative paths; default all episodes.
     workers : int, optional
+        Processes; default one for a few episodes, else all cores.
+    engine : Engine, optional
+        Where the episodes are worked on; default processes of this machine.
     on_done : callable, optional
         Told of each outcome, for progress.
 
@@ -260,9 +264,10 @@ def build_catalog(
     rows, failed = [], []
     todo = list_episodes(root) if paths is None else list(paths)
     # A few episodes are read faster than processes start.
-    single = len(todo) < 64
-    outcomes = map_items(partial(_row_of, root=str(root)), todo, workers=1 if single else workers)
-    for outcome in outcomes:
+    if engine is None and len(todo) < 64:
+        workers = 1
+    function = partial(_row_of, root=str(root))
+    for outcome in map_items(function, todo, workers=workers, engine=engine):
         if outcome.value is not None:
             rows.append(outcome.value)
         elif isinstance(outcome.error, ExumiError):

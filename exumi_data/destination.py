@@ -16,6 +16,7 @@ from exumi_data.catalog import (
     write_catalog,
 )
 from exumi_data.dataset import create_dataset
+from exumi_data.engine import Engine
 from exumi_data.errors import ExumiError, UsageError
 from exumi_data.model import DatasetMetadata
 from exumi_data.store.access import open_store
@@ -85,7 +86,11 @@ def only_run(root: Path) -> Iterator[None]:
 
 
 def update_catalog(
-    root: Path, known: Mapping[str, dict[str, Any]], *, workers: int | None = None
+    root: Path,
+    known: Mapping[str, dict[str, Any]],
+    *,
+    workers: int | None = None,
+    engine: Engine | None = None,
 ) -> list[str]:
     """Write the catalog, if it is not what it should be; read the episodes that are not known.
 
@@ -97,6 +102,8 @@ def update_catalog(
         Rows that are right, by path. Those of episodes that are gone are left out.
     workers : int, optional
         Processes; default all cores.
+    engine : Engine, optional
+        Where the episodes are worked on; default processes of this machine.
 
     Returns
     -------
@@ -111,7 +118,7 @@ def update_catalog(
     present = list_episodes(root)
     rows = [known[path] for path in present if path in known]
     todo = [path for path in present if path not in known]
-    built, problems = build_catalog(root, paths=todo, workers=workers)
+    built, problems = build_catalog(root, paths=todo, workers=workers, engine=engine)
     table = rows_to_table([*rows, *built.to_pylist()])
     before = read_catalog(root)
     if before is None or not table.equals(before):

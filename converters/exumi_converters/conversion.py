@@ -20,7 +20,7 @@ from exumi_converters.registry import converters, find_converter
 from exumi_converters.report import ConversionPlan, ConversionReport, Progress
 from exumi_converters.run import Done, Run, attempt, make_episode, opened_run
 from exumi_data import __version__
-from exumi_data.engine import warm_up
+from exumi_data.engine import Engine, warm_up
 from exumi_data.errors import UsageError
 from exumi_data.model import DatasetMetadata, EpisodeMetadata, MadeBy, Source
 from exumi_data.model.base import STREAM_NAME
@@ -38,6 +38,7 @@ def convert(
     *,
     from_format: str | None = None,
     options: ConvertOptions | None = None,
+    engine: Engine | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> ConversionReport:
     """Convert a source into a dataset of episodes.
@@ -54,6 +55,8 @@ def convert(
     from_format : str, optional
         One of `FORMATS`, or of another package. Default: the one that recognises the source.
     options : ConvertOptions, optional
+    engine : Engine, optional
+        Where the episodes are worked on; default processes of this machine.
     on_progress : callable, optional
         Called after each episode.
 
@@ -69,7 +72,7 @@ def convert(
     """
     began = time.perf_counter()
     options = options or ConvertOptions()
-    warm_up(__name__, workers=options.workers)
+    warm_up(__name__, workers=options.workers, engine=engine)
     source, destination = Path(source), Path(destination)
     converter, notices = _converter(source, from_format)
     discovery = _discover(converter, source, options)
@@ -82,7 +85,9 @@ def convert(
             settings={"converter": _versioned(converter), "layout": discovery.layout},
         ),
     )
-    with opened_run(destination, metadata, options.workers, on_progress, began) as run:
+    with opened_run(
+        destination, metadata, options.workers, on_progress, began, engine=engine
+    ) as run:
         run.failed += discovery.failed
         function = partial(
             _convert_one, root=run.root, from_format=converter.name, durable=options.durable

@@ -8,6 +8,7 @@ from exumi_converters.documents import to_json
 from exumi_data.catalog import CATALOG_NAME, list_episodes
 from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.destination import is_current, take_up, update_catalog
+from exumi_data.engine import Engine
 from exumi_data.model import DatasetMetadata, SplitDocument
 from exumi_data.model.documents import dump, parse_dataset, parse_split
 from exumi_data.store.files import write_atomic
@@ -59,7 +60,12 @@ def drop_catalog(root: Path) -> None:
 
 
 def refresh_catalog(
-    root: Path, fresh: Mapping[str, dict[str, Any]], known: Iterable[dict[str, Any]], workers: int
+    root: Path,
+    fresh: Mapping[str, dict[str, Any]],
+    known: Iterable[dict[str, Any]],
+    *,
+    workers: int | None,
+    engine: Engine | None,
 ) -> list[str]:
     """Write the catalog, reading as few episodes as possible.
 
@@ -70,7 +76,8 @@ def refresh_catalog(
         Rows of the episodes that were just written, by path.
     known : iterable of dict
         Rows of the catalog before the run: taken where the episode did not change.
-    workers : int
+    workers : int or None
+    engine : Engine or None
 
     Returns
     -------
@@ -80,7 +87,7 @@ def refresh_catalog(
     old = {row["path"]: row for row in known}
     unsure = [path for path in list_episodes(root) if path in old and path not in fresh]
     same = {path: old[path] for path in unsure if is_current(root / path, old[path])}
-    return update_catalog(root, {**same, **fresh}, workers=workers)
+    return update_catalog(root, {**same, **fresh}, workers=workers, engine=engine)
 
 
 def write_splits(

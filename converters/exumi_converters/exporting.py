@@ -23,7 +23,7 @@ from exumi_data import __version__
 from exumi_data.catalog import build_catalog, catalog_row, rows_to_table
 from exumi_data.dataset import Dataset
 from exumi_data.destination import is_current, only_run
-from exumi_data.engine import Outcome, default_workers, map_items, warm_up
+from exumi_data.engine import Engine, Outcome, default_workers, map_items, warm_up
 from exumi_data.episode import open_episode
 from exumi_data.errors import DamagedDataError, ExumiError, UsageError
 from exumi_data.model import DatasetMetadata
@@ -76,6 +76,7 @@ def export(
     *,
     to_format: str,
     options: ExportOptions | None = None,
+    engine: Engine | None = None,
     on_plan: Callable[[ExportPlan], None] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> ExportReport:
@@ -91,6 +92,8 @@ def export(
     to_format : str
         A key of `exporters`.
     options : ExportOptions, optional
+    engine : Engine, optional
+        Where the episodes are worked on; default processes of this machine.
     on_plan : callable, optional
         Called with what will be written and lost, before anything is.
     on_progress : callable, optional
@@ -110,7 +113,7 @@ def export(
     """
     began = time.perf_counter()
     options = options or ExportOptions()
-    warm_up(__name__, workers=options.workers)
+    warm_up(__name__, workers=options.workers, engine=engine)
     exporter = _exporter(to_format)
     dataset, damaged = _readable(open_source(source))
     destination = Path(destination)
@@ -143,7 +146,7 @@ def export(
         )
     with _work_folder(destination, about) as (work, notices):
         run = _Parts(exporter, dataset, plan, work, on_progress, began)
-        failed = run.write_all(options.workers or default_workers())
+        failed = run.write_all(options.workers, engine)
         written = len(plan.items) - len(failed)
         finished = written > 0 and (not failed or options.keep_going)
         if finished:
@@ -363,7 +366,7 @@ class _Parts:
         self._failed: list[Failure] = []
         self.frames = 0
 
-    def write_all(self, workers: int) -> list[Failure]:
+    def write_all(self, workers: int | None, engine: Engine | None) -> list[Failure]:
         """Write the parts that are missing; return the episodes that failed."""
         places = {name: place for place, name in enumerate(self._dataset.ids)}
         todo = [
@@ -378,9 +381,9 @@ class _Parts:
             plan=replace(self._plan, items=()),
             work=self._work,
         )
-        with closing(
-            map_items(function, todo, workers=min(workers, max(1, len(todo))))
-        ) as outcomes:
+        if engine is None:
+            workers = min(workers or default_workers(), max(1, len(todo)))
+        with closing(map_items(function, todo, workers=workers, engine=engine)) as outcomes:
             for outcome in outcomes:
                 done += 1
                 self._take(outcome, done)

@@ -18,7 +18,7 @@ from exumi_converters.run import Done, Run, attempt, make_episode, opened_run
 from exumi_data import __version__
 from exumi_data.catalog import list_episodes, read_catalog
 from exumi_data.dataset import DATASET_DOCUMENT
-from exumi_data.engine import warm_up
+from exumi_data.engine import Engine, warm_up
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import NotAnEpisodeError, UsageError
 from exumi_data.model import (
@@ -76,6 +76,7 @@ def prepare(  # noqa: PLR0913  # options, all by keyword
     fov_deg: float = DEFAULT_FOV_DEG,
     pair_within_s: float | None = None,
     workers: int | None = None,
+    engine: Engine | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> PrepareReport:
     """Make a training set of native episodes, in the same format.
@@ -116,6 +117,8 @@ def prepare(  # noqa: PLR0913  # options, all by keyword
         are dropped and counted. Default: the right finger's median frame interval.
     workers : int, optional
         Processes; default all cores.
+    engine : Engine, optional
+        Where the episodes are worked on; default processes of this machine.
     on_progress : callable, optional
         Called after each episode.
 
@@ -144,12 +147,12 @@ def prepare(  # noqa: PLR0913  # options, all by keyword
         raise UsageError(
             "source and destination are the same", where=source, fix="Name another destination."
         )
-    warm_up(__name__, workers=workers)
+    warm_up(__name__, workers=workers, engine=engine)
     parents = _find_parents(source)
     splits = _read_splits(source)
     metadata = _dataset_metadata(source, destination, settings)
     _refuse_other_settings(destination, settings)
-    with opened_run(destination, metadata, workers, on_progress, began) as run:
+    with opened_run(destination, metadata, workers, on_progress, began, engine=engine) as run:
         function = partial(_prepare_one, root=run.root, settings=settings)
         run.work(function, parents, _name)
         _write_splits(run, splits)

@@ -22,7 +22,7 @@ from exumi_data.catalog import (
     read_catalog,
 )
 from exumi_data.destination import only_run
-from exumi_data.engine import Outcome, default_workers, map_items
+from exumi_data.engine import Engine, Outcome, default_workers, map_items
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import ExumiError
 from exumi_data.leftovers import clean_leftovers
@@ -177,7 +177,8 @@ class Run(Generic[Item]):
     """
 
     root: Path
-    workers: int
+    workers: int | None
+    engine: Engine | None
     on_progress: Callable[[Progress], None] | None
     began: float
     notices: list[str] = field(default_factory=list)
@@ -213,9 +214,11 @@ class Run(Generic[Item]):
         """
         total = len(items) + len(self.failed)
         done = len(self.failed)
-        workers = min(self.workers, max(1, len(items)))
+        workers = self.workers
+        if self.engine is None:
+            workers = min(workers or default_workers(), max(1, len(items)))
         # Closed at once, whatever happens here: workers must not go on when the run has ended.
-        with closing(map_items(function, items, workers=workers)) as outcomes:
+        with closing(map_items(function, items, workers=workers, engine=self.engine)) as outcomes:
             for outcome in outcomes:
                 done += 1
                 result = outcome.value or _crashed(outcome, name_of(outcome.item))
@@ -245,7 +248,9 @@ class Run(Generic[Item]):
 
     def finish(self) -> tuple[str, ...]:
         """Write the catalog; return the episodes that the source does not explain."""
-        self.notices += refresh_catalog(self.root, self._rows, self._known, self.workers)
+        self.notices += refresh_catalog(
+            self.root, self._rows, self._known, workers=self.workers, engine=self.engine
+        )
         return tuple(
             path
             for path in list_episodes(self.root)
@@ -268,6 +273,8 @@ def opened_run(
     workers: int | None,
     on_progress: Callable[[Progress], None] | None,
     began: float,
+    *,
+    engine: Engine | None = None,
 ) -> Iterator[Run[Any]]:
     """Make or take up the destination, clean it, and keep other runs out of it.
 
@@ -282,7 +289,8 @@ def opened_run(
         table = read_catalog(root)
         run: Run[Any] = Run(
             root,
-            workers or default_workers(),
+            workers,
+            engine,
             on_progress,
             began,
             notices,

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from exumi_data.cli.engines import EngineName, EngineOption, RayAddressOption
 from exumi_data.cli.options import (
     Format,
     FormatOption,
@@ -23,6 +24,7 @@ EPILOG = epilog(
     "exumi convert my-clips my-dataset --from clips --kind rgb --stream rgb_front",
     "exumi convert my-clips my-dataset --dry-run",
     "exumi convert my-dataset my-dataset-mcap --to mcap",
+    "exumi convert /shared/videos /shared/my-dataset --engine ray --ray-address 10.0.0.1:6379",
 )
 
 
@@ -114,6 +116,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     ] = False,
     output: FormatOption = Format.TEXT,
     workers: WorkersOption = None,
+    engine: EngineOption = EngineName.LOCAL,
+    ray_address: RayAddressOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Convert other formats into a dataset of episodes, and (--to) episodes into other formats.
@@ -124,6 +128,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     is written, and the result appears when it is complete.
     """
     from exumi_data.cli import convert_formats, convert_in, convert_out
+    from exumi_data.cli.engines import chosen_engine
     from exumi_data.errors import UsageError
 
     if list_formats:
@@ -145,17 +150,31 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
                 fix=f"Say: exumi convert {source} my-dataset --from {from_format}; then: "
                 f"exumi convert my-dataset DST --to {to_format}",
             )
-        convert_out.run(
-            source,
-            destination or Path(f"{source.name}-{to_format}"),
-            to_format=to_format,
-            settings=settings,
-            dry_run=dry_run,
-            keep_going=keep_going,
-            output=output,
-            workers=workers,
-            quiet=quiet,
-        )
+        target = destination or Path(f"{source.name}-{to_format}")
+        if dry_run:
+            convert_out.show_plan(
+                source,
+                target,
+                to_format=to_format,
+                settings=settings,
+                keep_going=keep_going,
+                output=output,
+            )
+            return
+        with chosen_engine(
+            engine, ray_address, workers=workers, reads=[source], writes=[target], quiet=quiet
+        ) as chosen:
+            convert_out.run(
+                source,
+                target,
+                to_format=to_format,
+                settings=settings,
+                keep_going=keep_going,
+                output=output,
+                workers=workers,
+                engine=chosen,
+                quiet=quiet,
+            )
         return
     from exumi_converters import ConvertOptions
     from exumi_data.model import UNKNOWN_LICENCE
@@ -177,12 +196,21 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         convert_in.show_plan(source, from_format=from_format, options=options, output=output)
         return
     assert destination is not None  # noqa: S101  # refused above
-    convert_in.run(
-        source,
-        destination,
-        from_format=from_format,
-        options=options,
-        licence_given=licence is not None,
-        output=output,
+    with chosen_engine(
+        engine,
+        ray_address,
+        workers=workers,
+        reads=[source] if labels is None else [source, labels],
+        writes=[destination],
         quiet=quiet,
-    )
+    ) as chosen:
+        convert_in.run(
+            source,
+            destination,
+            from_format=from_format,
+            options=options,
+            engine=chosen,
+            licence_given=licence is not None,
+            output=output,
+            quiet=quiet,
+        )

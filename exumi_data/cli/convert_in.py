@@ -12,6 +12,7 @@ from exumi_data.cli.output import print_json, printable, size_text
 
 if TYPE_CHECKING:
     from exumi_converters import ConversionPlan, ConvertOptions
+    from exumi_data.engine import Engine
 
 __all__ = ["run", "show_plan"]
 
@@ -24,6 +25,7 @@ def run(
     *,
     from_format: str | None,
     options: "ConvertOptions",
+    engine: "Engine | None",
     licence_given: bool,
     output: Format,
     quiet: bool,
@@ -35,6 +37,7 @@ def run(
     source, destination : pathlib.Path
     from_format : str, optional
     options : ConvertOptions
+    engine : Engine or None
     licence_given : bool
     output : Format
     quiet : bool
@@ -44,7 +47,12 @@ def run(
 
     with run_progress("Converting", quiet=quiet) as on_progress:
         report = convert(
-            source, destination, from_format=from_format, options=options, on_progress=on_progress
+            source,
+            destination,
+            from_format=from_format,
+            options=options,
+            engine=engine,
+            on_progress=on_progress,
         )
     notes = (
         [] if licence_given else ["no --licence was given: the episodes say that it is not known"]

@@ -12,8 +12,9 @@ from exumi_data.cli.output import error_console, print_json, printable, size_tex
 
 if TYPE_CHECKING:
     from exumi_converters import ExportPlan, ExportReport
+    from exumi_data.engine import Engine
 
-__all__ = ["run"]
+__all__ = ["run", "show_plan"]
 
 
 def run(  # noqa: PLR0913  # options of the command line
@@ -22,10 +23,10 @@ def run(  # noqa: PLR0913  # options of the command line
     *,
     to_format: str,
     settings: Mapping[str, str],
-    dry_run: bool,
     keep_going: bool,
     output: Format,
     workers: int | None,
+    engine: "Engine | None",
     quiet: bool,
 ) -> None:
     """Export, after saying what will be lost.
@@ -36,9 +37,10 @@ def run(  # noqa: PLR0913  # options of the command line
     to_format : str
     settings : mapping of str to str
         Options of the format itself.
-    dry_run, keep_going : bool
+    keep_going : bool
     output : Format
     workers : int, optional
+    engine : Engine or None
     quiet : bool
 
     Raises
@@ -46,16 +48,10 @@ def run(  # noqa: PLR0913  # options of the command line
     typer.Exit
         With code 1, if episodes could not be written.
     """
-    from exumi_converters import ExportOptions, export, plan_export
+    from exumi_converters import ExportOptions, export
     from exumi_data.cli.run_report import run_progress
 
     options = ExportOptions(settings=settings, workers=workers, keep_going=keep_going)
-    if dry_run:
-        plan = plan_export(source, destination, to_format=to_format, options=options)
-        _print_plan(plan, output)
-        if plan.refused and not keep_going:
-            raise typer.Exit(FOUND_WRONG)
-        return
 
     def announce(plan: "ExportPlan") -> None:
         if not quiet:
@@ -68,12 +64,47 @@ def run(  # noqa: PLR0913  # options of the command line
             destination,
             to_format=to_format,
             options=options,
+            engine=engine,
             on_plan=announce,
             on_progress=on_progress,
         )
     _print_report(report, output, quiet=quiet)
     unfinished = not (report.written or report.skipped)
     if unfinished or (report.failed and not keep_going):
+        raise typer.Exit(FOUND_WRONG)
+
+
+def show_plan(
+    source: Path,
+    destination: Path,
+    *,
+    to_format: str,
+    settings: Mapping[str, str],
+    keep_going: bool,
+    output: Format,
+) -> None:
+    """Print what an export would do; exit code 1 if episodes could not be written.
+
+    Parameters
+    ----------
+    source, destination : pathlib.Path
+    to_format : str
+    settings : mapping of str to str
+        Options of the format itself.
+    keep_going : bool
+    output : Format
+
+    Raises
+    ------
+    typer.Exit
+        With code 1, if episodes could not be written.
+    """
+    from exumi_converters import ExportOptions, plan_export
+
+    options = ExportOptions(settings=settings, keep_going=keep_going)
+    plan = plan_export(source, destination, to_format=to_format, options=options)
+    _print_plan(plan, output)
+    if plan.refused and not keep_going:
         raise typer.Exit(FOUND_WRONG)
 
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from exumi_data.cli.engines import EngineName, EngineOption, RayAddressOption
 from exumi_data.cli.options import (
     Format,
     FormatOption,
@@ -27,6 +28,8 @@ def run(
     ] = False,
     output: FormatOption = Format.TEXT,
     workers: WorkersOption = None,
+    engine: EngineOption = EngineName.LOCAL,
+    ray_address: RayAddressOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Write the dataset's catalog, so that it opens at once.
@@ -34,15 +37,20 @@ def run(
     Only episodes whose metadata changed are read. Episodes that cannot be read are left out and
     named; exit code 1 then.
     """
+    from exumi_data.cli.engines import chosen_engine
     from exumi_data.cli.failures import FOUND_WRONG
     from exumi_data.cli.indexing import refresh_catalog
     from exumi_data.cli.output import error_console, print_json, progress_of
 
-    with progress_of("Reading", quiet=quiet) as update:
+    with (
+        chosen_engine(engine, ray_address, workers=workers, reads=[path], quiet=quiet) as chosen,
+        progress_of("Reading", quiet=quiet) as update,
+    ):
         change = refresh_catalog(
             path,
             everything=everything,
             workers=workers,
+            engine=chosen,
             on_done=lambda done, total: update(done, total, ""),
         )
     if output is Format.JSON:

@@ -16,6 +16,7 @@ from exumi_data.catalog import (
 )
 from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.destination import is_current
+from exumi_data.engine import Engine
 from exumi_data.errors import NotAnEpisodeError
 from exumi_data.model.documents import parse_dataset
 
@@ -71,6 +72,7 @@ def refresh_catalog(
     *,
     everything: bool = False,
     workers: int | None = None,
+    engine: Engine | None = None,
     on_done: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> Change:
     """Write the catalog of a dataset where it is missing or stale.
@@ -86,6 +88,8 @@ def refresh_catalog(
         Read every episode.
     workers : int, optional
         Processes; default all cores.
+    engine : Engine, optional
+        Where the episodes are read; default processes of this machine.
     on_done : callable
         Called after each episode that was read, with the number of those read and of all to read.
 
@@ -121,6 +125,7 @@ def refresh_catalog(
         root,
         paths=stale,
         workers=workers,
+        engine=engine,
         on_done=lambda _: on_done(next(counter), len(stale)),
     )
     fresh = {row["path"]: row for row in new.to_pylist()}

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from exumi_data.cli.engines import EngineName, EngineOption, RayAddressOption
 from exumi_data.cli.options import (
     Format,
     FormatOption,
@@ -95,6 +96,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     ] = False,
     output: FormatOption = Format.TEXT,
     workers: WorkersOption = None,
+    engine: EngineOption = EngineName.LOCAL,
+    ray_address: RayAddressOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Make a training set: frames resized once, each of them one read away.
@@ -103,6 +106,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     to go on where it was stopped. Exit code 1 if some episodes could not be prepared.
     """
     from exumi_converters import prepare
+    from exumi_data.cli.engines import chosen_engine
     from exumi_data.cli.run_report import finish, run_progress
     from exumi_data.errors import UsageError
 
@@ -114,7 +118,17 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         raise UsageError(
             "--pair-within goes with --tactile combined", fix="Add it, or leave --pair-within out."
         )
-    with run_progress("Preparing", quiet=quiet) as on_progress:
+    with (
+        chosen_engine(
+            engine,
+            ray_address,
+            workers=workers,
+            reads=[source],
+            writes=[destination],
+            quiet=quiet,
+        ) as chosen,
+        run_progress("Preparing", quiet=quiet) as on_progress,
+    ):
         report = prepare(
             source,
             destination,
@@ -127,6 +141,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
             fov_deg=90.0 if fov is None else fov,
             pair_within_s=pair_within,
             workers=workers,
+            engine=chosen,
             on_progress=on_progress,
         )
     finish(report, output=output, quiet=quiet, keep_going=keep_going)

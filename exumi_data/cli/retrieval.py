@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from exumi_data.cli.engines import EngineName, EngineOption, RayAddressOption
 from exumi_data.cli.options import Format, FormatOption, QuietOption, WorkersOption, epilog
 
 if TYPE_CHECKING:
@@ -105,6 +106,8 @@ def build(  # noqa: PLR0913, PLR0917  # options of the command line
     keep_going: _KeepGoing = False,
     output: FormatOption = Format.TEXT,
     workers: WorkersOption = None,
+    engine: EngineOption = EngineName.LOCAL,
+    ray_address: RayAddressOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Build an index of the touch clips of a dataset.
@@ -112,13 +115,21 @@ def build(  # noqa: PLR0913, PLR0917  # options of the command line
     The folder appears when the index is complete. It says which episodes, which split and which
     encoder it was made of. Damaged clips are left out, counted and named; exit code 1 then.
     """
+    from exumi_data.cli.engines import chosen_engine
     from exumi_data.cli.output import progress_of
-    from exumi_data.engine import default_workers
+    from exumi_data.errors import UsageError
     from exumi_loaders import TactileIndex
 
+    if model is not None and engine is not EngineName.LOCAL:
+        raise UsageError(
+            "--model is not sent to a cluster", fix="Leave --engine out: it uses all cores here."
+        )
     encoder = _vision(model)
     damaged: list[DamagedClip] = []
-    with progress_of("Encoding", quiet=quiet) as update:
+    with (
+        chosen_engine(engine, ray_address, workers=workers, reads=[dataset], quiet=quiet) as chosen,
+        progress_of("Encoding", quiet=quiet) as update,
+    ):
         index = TactileIndex.build(
             _dataset(dataset),
             encoder,
@@ -127,7 +138,8 @@ def build(  # noqa: PLR0913, PLR0917  # options of the command line
             stream=stream,
             frames=frames,
             # A model is not sent to other processes: it uses the cores itself.
-            workers=(workers or default_workers()) if encoder is None else 1,
+            workers=workers if encoder is None else 1,
+            engine=chosen,
             on_corrupt="skip",
             on_damaged=damaged.append,
             on_done=lambda done, total: update(done, total, ""),

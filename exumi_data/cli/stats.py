@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from exumi_data.cli.engines import EngineName, EngineOption, RayAddressOption
 from exumi_data.cli.options import (
     DataArgument,
     Format,
@@ -22,13 +23,14 @@ __all__ = ["EPILOG", "run"]
 EPILOG = epilog(
     "exumi stats my-dataset",
     "exumi stats my-dataset --require tactile_left --require pose",
+    "exumi stats my-dataset --engine ray --ray-address 10.0.0.1:6379",
     "exumi stats my-dataset --format json > statistics.json",
     "exumi stats my-dataset --html my-dataset.html",
     "exumi stats my-dataset --html my-dataset.html --level arrays",
 )
 
 
-def run(  # options of the command line
+def run(  # noqa: PLR0913, PLR0917  # options of the command line
     path: DataArgument,
     require: Annotated[
         list[str] | None,
@@ -59,6 +61,8 @@ def run(  # options of the command line
     ] = None,
     output: FormatOption = Format.TEXT,
     workers: WorkersOption = None,
+    engine: EngineOption = EngineName.LOCAL,
+    ray_address: RayAddressOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Measure a dataset: rates, gaps, touch, usable time, labels, sizes.
@@ -67,6 +71,7 @@ def run(  # options of the command line
     could not be read.
     """
     import exumi_data
+    from exumi_data.cli.engines import chosen_engine
     from exumi_data.cli.failures import FOUND_WRONG
     from exumi_data.cli.output import (
         print_json,
@@ -85,13 +90,17 @@ def run(  # options of the command line
         _check_page(html, path)
     source = exumi_data.open(path)
     total = 1 if isinstance(source, exumi_data.Episode) else len(source)
-    with progress_of("Measuring", quiet=quiet) as update:
+    with (
+        chosen_engine(engine, ray_address, workers=workers, reads=[path], quiet=quiet) as where,
+        progress_of("Measuring", quiet=quiet) as update,
+    ):
         update(0, total, "")
         statistics = measure(
             source,
             tick_s=DEFAULT_TICK_S if tick is None else tick,
             required=require or None,
             workers=workers,
+            engine=where,
             on_done=lambda done: update(done, total, ""),
         )
     size = 0

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from exumi_data.cli.engines import EngineName, EngineOption, RayAddressOption
 from exumi_data.cli.options import DataArgument, QuietOption, WorkersOption, epilog, given_path
 
 if TYPE_CHECKING:
+    from exumi_data.engine import Engine
     from exumi_validators import Config, Report
     from exumi_validators.fixing import CatalogFix
     from exumi_validators.text import Style
@@ -99,6 +101,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         ),
     ] = False,
     workers: WorkersOption = None,
+    engine: EngineOption = EngineName.LOCAL,
+    ray_address: RayAddressOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Check a dataset or an episode against the standard, and list every problem.
@@ -106,10 +110,12 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     Exit code 0: valid. 1: invalid, or not fully checked (the report says what was not, and why). 2:
     could not run, such as for a path that is not there.
     """
+    from exumi_data.cli.engines import chosen_engine
     from exumi_data.engine import warm_up
     from exumi_data.errors import UsageError
 
-    if _is_large(path):  # it goes to workers: they load what they need while we do
+    if engine is EngineName.LOCAL and _is_large(path):
+        # It goes to workers: they load what they need while we do.
         warm_up("exumi_validators.validation", workers=workers)
     from exumi_validators.fixing import apply_fix, plan_fix
 
@@ -117,17 +123,19 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         raise UsageError("--apply and --accept-changed belong to --fix", fix="Add --fix.")
     chosen = _config(path, config, no_config=no_config)
     made: CatalogFix | None = None
-    if fix:
-        from exumi_data.cli.output import progress_of
+    with chosen_engine(engine, ray_address, workers=workers, reads=[path], quiet=quiet) as where:
+        if fix:
+            from exumi_data.cli.output import progress_of
 
-        with progress_of("Reading", quiet=quiet) as update:
-            made = (apply_fix if apply else plan_fix)(
-                path,
-                accept_changed=accept_changed,
-                workers=workers,
-                on_progress=lambda done, total: update(done, total, ""),
-            )
-    report = _validated(path, level, chosen, workers=workers, quiet=quiet)
+            with progress_of("Reading", quiet=quiet) as update:
+                made = (apply_fix if apply else plan_fix)(
+                    path,
+                    accept_changed=accept_changed,
+                    workers=workers,
+                    engine=where,
+                    on_progress=lambda done, total: update(done, total, ""),
+                )
+        report = _validated(path, level, chosen, workers=workers, engine=where, quiet=quiet)
     _print_report(report, output, verbose=verbose)
     if made is not None:
         typer.echo(made.to_text(applied=apply), nl=False, err=output is not _Format.TEXT)
@@ -152,7 +160,13 @@ def _config(path: str, file: Path | None, *, no_config: bool) -> "Config | None"
 
 
 def _validated(
-    path: str, level: _Level, config: "Config | None", *, workers: int | None, quiet: bool
+    path: str,
+    level: _Level,
+    config: "Config | None",
+    *,
+    workers: int | None,
+    engine: "Engine | None",
+    quiet: bool,
 ) -> "Report":
     from exumi_data.cli.output import progress_of
     from exumi_data.standard import LEVELS
@@ -164,6 +178,7 @@ def _validated(
             levels=LEVELS[: LEVELS.index(level.value) + 1],
             config=config,
             workers=workers,
+            engine=engine,
             on_progress=lambda done, total: update(done, total, ""),
         )
     return report

@@ -8,7 +8,7 @@ from math import fsum
 from statistics import median
 
 from exumi_data.dataset import Dataset
-from exumi_data.engine import map_items
+from exumi_data.engine import Engine, map_items
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import ExumiError, UsageError
 from exumi_data.stats.episode import EpisodeMeasure, StreamMeasure, measure_episode
@@ -39,6 +39,7 @@ def measure(
     tick_s: Fraction | float = DEFAULT_TICK_S,
     required: Sequence[str] | None = None,
     workers: int | None = None,
+    engine: Engine | None = None,
     on_done: Callable[[int], None] | None = None,
 ) -> Statistics:
     """Measure an episode or a dataset. Reads times and stored activity; decodes no frame.
@@ -53,6 +54,8 @@ def measure(
         Streams that must be valid at a usable tick. Default: all that an episode has.
     workers : int, optional
         Processes. Default: one for up to 200 episodes, else all cores.
+    engine : Engine, optional
+        Where the episodes are worked on; default processes of this machine.
     on_done : callable, optional
         Called after each episode with the number of episodes done, for progress.
 
@@ -77,7 +80,9 @@ def measure(
         measures = [measure_episode(source, tick_s=tick, required=required)]
     else:
         what, name = "dataset", source.metadata.name
-        measures = _measure_all(source, tick, required, workers, on_done, unreadable)
+        measures = _measure_all(
+            source, tick, required, workers, engine, on_done=on_done, unreadable=unreadable
+        )
     _check_required(required, measures, source.path)
     return _add_up(source.path, what, name, measures, unreadable, tick, required)
 
@@ -92,15 +97,18 @@ def _measure_all(
     tick_s: Fraction,
     required: Sequence[str] | None,
     workers: int | None,
+    engine: Engine | None,
+    *,
     on_done: Callable[[int], None] | None,
     unreadable: list[Unreadable],
 ) -> list[EpisodeMeasure]:
     paths = [dataset.episode_location(index) for index in range(len(dataset))]
     # A few episodes are read faster than processes start.
-    processes = 1 if workers is None and len(paths) <= _MANY_EPISODES else workers
+    if engine is None and workers is None and len(paths) <= _MANY_EPISODES:
+        workers = 1
     function = partial(_measure_path, tick_s=tick_s, required=required)
     found: dict[str, EpisodeMeasure] = {}
-    for outcome in map_items(function, paths, workers=processes):
+    for outcome in map_items(function, paths, workers=workers, engine=engine):
         if outcome.value is not None:
             found[outcome.item] = outcome.value
         elif isinstance(outcome.error, ExumiError | OSError):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exumi_data.dataset import Dataset
-from exumi_data.engine import map_items, warm_up
+from exumi_data.engine import Engine, map_items, warm_up
 from exumi_data.episode import Episode, StreamView
 from exumi_data.errors import MetadataError, UsageError
 from exumi_data.geometry import interpolate_linear, interpolate_poses
@@ -377,6 +377,7 @@ def build_timeline(
     *,
     cache: Path | None = None,
     workers: int | None = None,
+    engine: Engine | None = None,
 ) -> Timeline:
     """Compute the timelines of all episodes, or take them from the cache.
 
@@ -389,6 +390,8 @@ def build_timeline(
         Folder of the cache; None neither reads nor writes one.
     workers : int, optional
         Processes, used for thousands of episodes.
+    engine : Engine, optional
+        Where the episodes are worked on; default processes of this machine.
 
     Raises
     ------
@@ -401,23 +404,29 @@ def build_timeline(
         if cached is not None:
             return cached
     locations = [dataset.episode_location(index) for index in range(len(dataset))]
-    timeline = _join(dataset, _timelines(locations, layout, settings, workers), layout, settings)
+    timeline = _join(
+        dataset, _timelines(locations, layout, settings, workers, engine), layout, settings
+    )
     if folder is not None:
         save_timeline(timeline, folder)
     return timeline
 
 
 def _timelines(
-    locations: list[str], layout: Layout, settings: TimelineSettings, workers: int | None
+    locations: list[str],
+    layout: Layout,
+    settings: TimelineSettings,
+    workers: int | None,
+    engine: Engine | None,
 ) -> list[_EpisodeTimeline]:
     """Compute the timelines of episodes, in their order; many of them in several processes."""
-    few = len(locations) < _MANY_EPISODES
-    if not few:
-        warm_up(__name__, workers=workers)
+    if engine is None and len(locations) < _MANY_EPISODES:
+        workers = 1
+    warm_up(__name__, workers=workers, engine=engine)
     pieces = [tuple(locations[at : at + _PIECE]) for at in range(0, len(locations), _PIECE)]
     made: dict[tuple[str, ...], list[_EpisodeTimeline]] = {}
     function = partial(_piece, layout=layout, settings=settings)
-    for outcome in map_items(function, pieces, workers=1 if few else workers):
+    for outcome in map_items(function, pieces, workers=workers, engine=engine):
         if outcome.value is None:
             assert outcome.error is not None  # noqa: S101  # an outcome has one of the two
             raise outcome.error

@@ -21,6 +21,7 @@ from exumi_data.catalog import (
     rows_to_table,
     write_catalog,
 )
+from exumi_data.engine import Engine
 from exumi_data.errors import ExumiError, UnsupportedError, UsageError
 from exumi_validators.dataset_context import DatasetContext
 from exumi_validators.findings import show
@@ -140,6 +141,7 @@ def plan_fix(
     *,
     accept_changed: bool = False,
     workers: int | None = None,
+    engine: Engine | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> CatalogFix:
     """Find out what a new catalog would change; writes nothing. Every episode is read.
@@ -152,6 +154,8 @@ def plan_fix(
         Take episodes as they are whose bytes are not those that the catalog knows.
     workers : int, optional
         Processes; default all cores.
+    engine : Engine, optional
+        Where the episodes are worked on; default processes of this machine.
     on_progress : callable, optional
         Called with the number of episodes that were read, and of all.
 
@@ -166,7 +170,7 @@ def plan_fix(
     UnsupportedError
         The dataset is of a version that this library does not know.
     """
-    return _plan(Path(dataset), accept_changed, workers, on_progress)[0]
+    return _plan(Path(dataset), accept_changed, workers, engine, on_progress)[0]
 
 
 def apply_fix(
@@ -174,6 +178,7 @@ def apply_fix(
     *,
     accept_changed: bool = False,
     workers: int | None = None,
+    engine: Engine | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> CatalogFix:
     """Write the new catalog, whole or not at all, and return what it changed.
@@ -186,6 +191,8 @@ def apply_fix(
         Take episodes as they are whose bytes are not those that the catalog knows.
     workers : int, optional
         Processes; default all cores.
+    engine : Engine, optional
+        Where the episodes are worked on; default processes of this machine.
     on_progress : callable, optional
         Called with the number of episodes that were read, and of all.
 
@@ -201,7 +208,7 @@ def apply_fix(
         The dataset is of a version that this library does not know.
     """
     root = Path(dataset)
-    fix, table = _plan(root, accept_changed, workers, on_progress)
+    fix, table = _plan(root, accept_changed, workers, engine, on_progress)
     if fix.needed:
         write_catalog(root, table)
     return fix
@@ -211,6 +218,7 @@ def _plan(
     root: Path,
     accept_changed: bool,
     workers: int | None,
+    engine: Engine | None,
     on_progress: Callable[[int, int], None] | None,
 ) -> "tuple[CatalogFix, pa.Table]":
     context = DatasetContext(root)
@@ -224,7 +232,11 @@ def _plan(
     counter = count(1)
     told = on_progress or (lambda _done, _total: None)
     built, failed = build_catalog(
-        root, paths=present, workers=workers, on_done=lambda _: told(next(counter), len(present))
+        root,
+        paths=present,
+        workers=workers,
+        engine=engine,
+        on_done=lambda _: told(next(counter), len(present)),
     )
     old_table = read_catalog(root)
     old = {} if old_table is None else {row["path"]: row for row in old_table.to_pylist()}

@@ -12,7 +12,7 @@ from typing import Any
 from exumi_data import __version__
 from exumi_data.catalog import EPISODES_FOLDER
 from exumi_data.dataset import DATASET_DOCUMENT
-from exumi_data.engine import map_items, warm_up
+from exumi_data.engine import Engine, map_items, warm_up
 from exumi_data.errors import NotAnEpisodeError, UnsupportedError, UsageError
 from exumi_data.model.episode import FORMAT_VERSION
 from exumi_data.opening import not_an_episode
@@ -57,6 +57,7 @@ def validate(
     levels: Collection[Level] | None = None,
     config: Config | None = None,
     workers: int | None = None,
+    engine: Engine | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Report:
     """Judge an episode or a dataset by the rules of the standard.
@@ -75,6 +76,8 @@ def validate(
         file is looked for.
     workers : int, optional
         Processes; default all cores.
+    engine : Engine, optional
+        Where the episodes are worked on; default processes of this machine.
     on_progress : callable, optional
         Called with the number of episodes that are done, and of all.
 
@@ -108,7 +111,7 @@ def validate(
     if is_url(path):
         return _validate_remote(text, chosen, config, on_progress)
     if _kind(text) == "dataset":
-        return _validate_dataset(text, chosen, config, workers, on_progress)
+        return _validate_dataset(text, chosen, config, workers, engine, on_progress)
     result = validate_episode(text, chosen, config=config)
     if on_progress is not None:
         on_progress(1, 1)
@@ -198,6 +201,7 @@ def _validate_dataset(
     levels: frozenset[Level],
     config: Config | None,
     workers: int | None,
+    engine: Engine | None,
     on_progress: Callable[[int, int], None] | None,
 ) -> Report:
     dataset = DatasetContext(Path(path), config.limits if config else None)
@@ -215,13 +219,13 @@ def _validate_dataset(
             with_digest="data" in levels and has_digests,
             config=config,
         )
-        few = len(dataset.episodes) < _PARALLEL_FROM
+        few = engine is None and len(dataset.episodes) < _PARALLEL_FROM
         if few and not ("data" in levels and _is_much(dataset.root, dataset.episodes)):
             workers = 1
         else:
             # Workers are forked with everything loaded, also in later calls.
-            warm_up(__name__, workers=workers)
-        for episode, result in _episodes(dataset.episodes, judge, workers, on_progress):
+            warm_up(__name__, workers=workers, engine=engine)
+        for episode, result in _episodes(dataset.episodes, judge, workers, engine, on_progress):
             if isinstance(result, Unchecked):
                 unchecked.append(result)
                 continue
@@ -277,10 +281,11 @@ def _episodes(
     episodes: list[str],
     judge: Callable[[str], EpisodeResult],
     workers: int | None,
+    engine: Engine | None,
     on_progress: Callable[[int, int], None] | None,
 ) -> "list[tuple[str, EpisodeResult | Unchecked]]":
     done: list[tuple[str, EpisodeResult | Unchecked]] = []
-    for outcome in map_items(judge, episodes, workers=workers):
+    for outcome in map_items(judge, episodes, workers=workers, engine=engine):
         if outcome.value is not None:
             done.append((outcome.item, outcome.value))
         else:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from exumi_data.engine import map_items
+from exumi_data.engine import Engine, map_items
 from exumi_data.errors import ChangedDataError, DamagedDataError, UsageError
 from exumi_loaders.clips import Clip, Clips
 from exumi_loaders.encoder import Encoder
@@ -159,14 +159,15 @@ def embed(
     return Embedding(vector, encoder.digest, (*origins, frames_identity(frames, reference)))
 
 
-def encode_clips(
+def encode_clips(  # noqa: PLR0913  # keyword-only options, each with a default
     dataset: "Dataset",
     encoder: Encoder,
     *,
     stream: str | Sequence[str] | None = None,
     frames: int = 10,
     provenance: str = "human",
-    workers: int = 1,
+    workers: int | None = 1,
+    engine: Engine | None = None,
     on_corrupt: OnCorruptClip = "raise",
     on_done: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> EncodedClips:
@@ -180,8 +181,11 @@ def encode_clips(
     frames : int
     provenance : {"human", "any"}
         As of `Clips`.
-    workers : int
-        Processes. With more than one, the encoder is sent to them.
+    workers : int, optional
+        Processes; None takes all cores. With more than one, the encoder is sent to them.
+    engine : Engine, optional
+        Where the episodes are worked on; default processes of this machine.
+        The encoder is sent to them.
     on_corrupt : {"raise", "skip"}
         Stop at a clip that cannot be decoded, or leave it out and name it in ``damaged``.
     on_done : callable
@@ -212,7 +216,7 @@ def encode_clips(
     work = partial(_encode, encoder=encoder, reading=reading, on_corrupt=on_corrupt)
     found: dict[int, list[_Encoded]] = {}
     done = 0
-    for outcome in map_items(work, list(pieces.items()), workers=workers):
+    for outcome in map_items(work, list(pieces.items()), workers=workers, engine=engine):
         if outcome.value is None:
             assert outcome.error is not None  # noqa: S101  # an outcome has one of the two
             raise outcome.error

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from exumi_data.engine import Engine
 from exumi_data.errors import UsageError
 from exumi_loaders.encoder import Encoder, Kind
 from exumi_loaders.retrieval import changes
@@ -128,7 +129,8 @@ class TactileIndex:
         stream: str | Sequence[str] | None = None,
         frames: int = 10,
         provenance: Literal["human", "any"] = "human",
-        workers: int = 1,
+        workers: int | None = 1,
+        engine: Engine | None = None,
         on_corrupt: OnCorruptClip = "raise",
         on_damaged: Callable[[DamagedClip], None] = lambda _clip: None,
         on_done: Callable[[int, int], None] = lambda _done, _total: None,
@@ -151,8 +153,10 @@ class TactileIndex:
             Salient frames a clip.
         provenance : {"human", "any"}
             Whose labels count.
-        workers : int
-            Processes that encode.
+        workers : int, optional
+            Processes that encode; None takes all cores.
+        engine : Engine, optional
+            Where the clips are encoded; default processes of this machine.
         on_corrupt : {"raise", "skip"}
             Stop at a clip that cannot be decoded, or leave it out and count it in ``index.json``.
         on_damaged : callable
@@ -185,6 +189,7 @@ class TactileIndex:
                 frames=frames,
                 provenance=provenance,
                 workers=workers,
+                engine=engine,
                 on_corrupt=on_corrupt,
                 on_done=on_done,
             )

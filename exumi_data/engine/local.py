@@ -1,38 +1,26 @@
-"""Map a function over episodes with processes: bounded queues, crashes named, Ctrl-C clean."""
+"""Processes of this machine: bounded queues, crashes named, Ctrl-C clean."""
 
-import copy
 import multiprocessing
 import os
 import signal
-import sys
 import threading
-import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
-from typing import Generic, TypeVar
+from typing import TypeVar
 
+from exumi_data.engine.outcome import Engine, Outcome
+from exumi_data.engine.work import CLEAN_UP_S, call, call_in_worker, stop, use_one_thread
 from exumi_data.errors import ExumiError
 from exumi_data.stopping import Stopped
 
-__all__ = ["Outcome", "default_workers", "map_items", "warm_up"]
+__all__ = ["default_workers", "map_locally", "warm_up"]
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 
 _QUEUED_PER_WORKER = 4
-_CLEAN_UP_S = 5.0  # removing what is half written takes milliseconds
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome(Generic[Item, Value]):
-    """What became of one item: `value`, or `error`."""
-
-    item: Item
-    value: Value | None
-    error: Exception | None
 
 
 def default_workers() -> int:
@@ -47,19 +35,6 @@ def default_workers() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-def _stop(*_: object) -> None:
-    # When one worker has ended, the pool tells the others again, while they still clean up.
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    threading.Thread(target=_end_soon, daemon=True).start()
-    raise Stopped(1)
-
-
-def _end_soon() -> None:
-    """End this worker even if the exception was lost, as it is in a destructor."""
-    time.sleep(_CLEAN_UP_S)
-    os._exit(1)
-
-
 def _prepare_worker() -> None:
     try:
         _heed_signals()
@@ -71,12 +46,9 @@ def _heed_signals() -> None:
     # Ctrl-C reaches every process of the terminal; only the parent acts on it, and tells the
     # workers with SIGTERM, which unwinds them so that they remove what they had half written.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _stop)
+    signal.signal(signal.SIGTERM, stop)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    # One thread a worker. OpenCV reads the variable when it is imported; many workers never do.
-    os.environ["OPENCV_FOR_THREADS_NUM"] = "1"
-    if "cv2" in sys.modules:
-        sys.modules["cv2"].setNumThreads(1)
+    use_one_thread()
 
 
 def _end_with_parent() -> None:
@@ -89,30 +61,26 @@ def _end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def map_items(
-    function: Callable[[Item], Value], items: Iterable[Item], *, workers: int | None = None
+def map_locally(
+    function: Callable[[Item], Value], items: Iterable[Item], workers: int | None
 ) -> Generator[Outcome[Item, Value], None, None]:
-    """Call `function` on every item; yield outcomes as they come, in any order.
+    """Do what `exumi_data.engine.map_items` does, here.
 
     Parameters
     ----------
     function : callable
-        A module-level function (or partial of one): it is sent to other processes.
     items : iterable
-        Taken as needed: at most a few per worker are under way.
-    workers : int, optional
+    workers : int or None
         Processes; default all cores; 1 runs in this process.
 
     Yields
     ------
     Outcome
-        An exception of `function` is an outcome, never a stop. A worker that dies (out of memory,
-        a crash in a codec) is an outcome of the item that killed it; the others are done again.
     """
     workers = workers or default_workers()
     if workers == 1:
         for item in items:
-            yield _call(function, item)
+            yield call(function, item)
         return
     source = iter(items)
     while True:
@@ -127,14 +95,7 @@ def map_items(
                 yield Outcome(item, None, _crash())
 
 
-def _call(function: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]:
-    try:
-        return Outcome(item, function(item), None)
-    except Exception as error:  # noqa: BLE001  # every failure is an outcome
-        return Outcome(item, None, error)
-
-
-def warm_up(*modules: str, workers: int | None = None) -> None:
+def warm_up(*modules: str, workers: int | None = None, engine: Engine | None = None) -> None:
     """Let modules be imported for the workers to come, while this process does something else.
 
     Worker processes are forked from a helper process: what that one has imported, they need not.
@@ -146,9 +107,10 @@ def warm_up(*modules: str, workers: int | None = None) -> None:
     *modules : str
         Modules that hold the functions for `map_items`.
     workers : int, optional
-        As for `map_items`.
+    engine : Engine, optional
+        As for `map_items`. With an engine nothing is done: its workers are not ours.
     """
-    if os.name != "posix" or (workers or default_workers()) == 1:
+    if engine is not None or os.name != "posix" or (workers or default_workers()) == 1:
         return
     from multiprocessing import forkserver, resource_tracker
 
@@ -162,29 +124,6 @@ def warm_up(*modules: str, workers: int | None = None) -> None:
         forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _work(function: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]:
-    """Call `function` in a worker process."""
-    try:
-        outcome = _call(function, item)
-    except Stopped:
-        # What was half written is removed by now; the pool would go on to the next item.
-        os._exit(1)
-    except SystemExit as error:
-        return Outcome(item, None, ExumiError(f"it ended its process (status {error.code})"))
-    if outcome.error is not None:
-        return Outcome(item, None, _portable(outcome.error))
-    return outcome
-
-
-def _portable(error: Exception) -> Exception:
-    """Return an exception that another process can rebuild: one that it cannot breaks the pool."""
-    try:
-        copy.copy(error)
-    except Exception:  # noqa: BLE001  # whatever a third party's constructor does
-        return ExumiError(f"{type(error).__name__}: {error}")
-    return error
 
 
 def _pool(workers: int) -> ProcessPoolExecutor:
@@ -208,7 +147,7 @@ def _stop_workers(pool: ProcessPoolExecutor) -> threading.Timer:
         process.terminate()
     # A worker that waits for a lock which another one took along when it ended would wait for
     # ever, and the pool for it.
-    last_resort = threading.Timer(_CLEAN_UP_S, _kill, (processes,))
+    last_resort = threading.Timer(CLEAN_UP_S, _kill, (processes,))
     last_resort.daemon = True
     last_resort.start()
     return last_resort
@@ -237,7 +176,7 @@ def _run_pool(
                     exhausted = True
                     break
                 try:
-                    pending[pool.submit(_work, function, item)] = item
+                    pending[pool.submit(call_in_worker, function, item)] = item
                 except BrokenProcessPool:
                     suspects.append(item)
             if not pending:
