@@ -20,10 +20,10 @@ DATASET_FORMAT = "exumi-dataset"
 
 SPLIT_NAME = r"^[a-z0-9][a-z0-9_-]*$"
 
-_NUMBER = "(0|[1-9][0-9]*)"
+_NUMBER = "(0|[1-9][0-9]{0,8})"
 DatasetVersion = Annotated[
     str,
-    StringConstraints(pattern=rf"^{_NUMBER}\.{_NUMBER}\.{_NUMBER}$", max_length=32),
+    StringConstraints(pattern=rf"^{_NUMBER}\.{_NUMBER}\.{_NUMBER}$"),
 ]
 
 
