@@ -88,8 +88,17 @@ def changing(root: Path, *, dry_run: bool) -> Iterator[list[str]]:
     """
     from exumi_data.cli.indexing import refresh_catalog
     from exumi_data.destination import only_run
+    from exumi_data.errors import UsageError
     from exumi_data.leftovers import clean_leftovers
+    from exumi_data.manifest import MANIFEST_NAME
 
+    if (root / MANIFEST_NAME).exists():
+        raise UsageError(
+            "is a release, which its manifest.json describes: releases are not changed",
+            where=root,
+            fix="Change the dataset it was made of, or a copy: exumi dataset select DATASET COPY "
+            "--all",
+        )
     if dry_run:
         yield []
         return
@@ -206,7 +215,8 @@ def write_dataset(
 
     if not made.chosen:
         raise UsageError("no episode is chosen")
-    metadata.splits, metadata.made_by = [], made_by()
+    # Other episodes than those of a release are not that release.
+    metadata.splits, metadata.made_by, metadata.release = [], made_by(), None
     notices = list(made.notices)
     if not dry_run:
         _refuse_other_data(made, target)

@@ -3,16 +3,17 @@
 import hashlib
 import hmac
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.errors import UsageError
 from exumi_data.release.privacy.kinds import Kind, Take, check_kinds, shortened
 from exumi_data.release.privacy.text import GONE, account_names, matches_in
 
-__all__ = ["Removal", "without_private_fields"]
+__all__ = ["Removal", "people_named", "without_private_fields"]
 
 _NAMED: dict[str, Kind] = {
     "operator": "operator",
@@ -46,6 +47,9 @@ _SHORTEST: dict[Kind, int] = {"operator": 3, "user": 3, "site": 5, "serial": 5, 
 _PSEUDONYM = re.compile(r"(?:operator|site|serial|host|user)-[0-9a-f]{12}")
 _LEAST_KEY = 16
 _DEEPEST = 64
+_PEOPLE: tuple[Kind, ...] = ("operator", "user")
+# Whoever is named there wants to be.
+_PUBLIC = ("/authors", "/citation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +64,14 @@ class Removal:
     kinds : frozenset of str
     key : bytes or None
         A secret of at least 16 bytes; it is no part of the dataset.
+    names : mapping of str to str
+        Words that are private wherever the dataset has them, and their kinds: a person whom one
+        document names as its operator is often named in the text of another.
     """
 
     kinds: frozenset[Kind]
     key: bytes | None = None
+    names: Mapping[str, Kind] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_kinds(self.kinds)
@@ -78,6 +86,15 @@ class Removal:
             return None
         code = hmac.new(self.key, f"{kind}\0{value}".encode(), hashlib.sha256).hexdigest()
         return f"{kind}-{code[:12]}"
+
+    def cleaned(self, text: str) -> str:
+        """Return a text without what is taken out, line breaks and all else as they were."""
+        parts, end = [], 0
+        for match in matches_in(text, self.names):
+            if match.kind in self.kinds:
+                parts += [text[end : match.start], match.instead]
+                end = match.stop
+        return "".join([*parts, text[end:]])
 
 
 def without_private_fields(
@@ -99,8 +116,24 @@ def without_private_fields(
     -------
     JSON value
     """
-    names = _names(document)
-    return _Walk(where, take, removal or Removal(frozenset()), names).value(document, "", 0)
+    return _Walk(where, take, removal or Removal(frozenset()), _names(document)).value(
+        document, "", 0
+    )
+
+
+def people_named(document: Any) -> dict[str, Kind]:
+    """Return the people whom a document names in fields that are for it, and their accounts.
+
+    Parameters
+    ----------
+    document : JSON value
+
+    Returns
+    -------
+    dict of str to str
+        Words, and the kind of each.
+    """
+    return {name: kind for name, kind in _names(document).items() if kind in _PEOPLE}
 
 
 def _names(document: Any) -> dict[str, Kind]:
@@ -170,7 +203,9 @@ class _Walk:
 
     def _text(self, text: str, pointer: str) -> str:
         parts, end = [], 0
-        for match in matches_in(text, self.names):
+        is_public = self.where == DATASET_DOCUMENT and pointer.startswith(_PUBLIC)
+        names = self.names if is_public else {**self.removal.names, **self.names}
+        for match in matches_in(text, names):
             value = text[match.start : match.stop]
             if self._taken(match.kind, pointer, value, match.why):
                 parts += [text[end : match.start], match.instead]

@@ -1,5 +1,6 @@
 import pytest
 
+from exumi_data.release.privacy.kinds import Kind
 from exumi_data.release.privacy.text import account_names, matches_in
 
 HOME = "/".join(["", "home", "ada"])
@@ -72,3 +73,10 @@ def test_names_that_are_known_to_be_private() -> None:
         "ada",
         "bob",
     }
+
+
+def test_names_in_other_letters_and_words_that_look_like_names() -> None:
+    names: dict[str, Kind] = {"Mark": "operator", "Ada Lovelace": "operator", "zelda": "operator"}
+    text = "Mark and MARK mark it, as ada lovelace, Zelda and zelda do; Markus does not"
+    found = [text[one.start : one.stop] for one in matches_in(text, names)]
+    assert found == ["Mark", "MARK", "ada lovelace", "Zelda", "zelda"]
