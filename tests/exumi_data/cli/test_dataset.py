@@ -182,3 +182,30 @@ def test_what_contradicts_itself_or_says_nothing(root: Path) -> None:
     assert "no reason is given" in silent.stderr
     assert both.exit_code == silent.exit_code == 2
     assert state_of(root) == before
+
+
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)])
+def test_a_source_is_not_written_over_where_all_of_it_is_older(
+    root: Path, tmp_path: Path, dry: tuple[str, ...]
+) -> None:
+    good("select", root, tmp_path / "later", "--all")
+    good("rate", tmp_path / "later", "--all", "--success")
+    before = state_of(tmp_path)
+    refused = run("merge", root, tmp_path / "later", "--out", root, *dry)
+    assert refused.exit_code == 2
+    assert "is one of the datasets that are read" in refused.stderr
+    assert state_of(tmp_path) == before
+
+
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)])
+def test_what_was_changed_since_is_not_written_over(
+    root: Path, tmp_path: Path, dry: tuple[str, ...]
+) -> None:
+    good("select", root, tmp_path / "copy", "--all")
+    good("select", root, tmp_path / "copy", "--all")  # the same again is no harm
+    good("rate", tmp_path / "copy", IDS[1], "--success")
+    before = state_of(tmp_path)
+    refused = run("select", root, tmp_path / "copy", "--all", *dry)
+    assert refused.exit_code == 2
+    assert "holds 1 of these episodes as they are not here" in refused.stderr
+    assert state_of(tmp_path) == before
