@@ -17,6 +17,11 @@ __all__ = ["Removal", "people_named", "without_private_fields"]
 
 _NAMED: dict[str, Kind] = {
     "operator": "operator",
+    "operators": "operator",
+    "annotator": "operator",
+    "annotators": "operator",
+    "collected_by": "operator",
+    "recorded_by": "operator",
     "site": "site",
     "hub": "host",
     "host": "host",
@@ -28,11 +33,17 @@ _NAMED: dict[str, Kind] = {
     "login": "user",
     "email": "email",
     "gps": "gps",
+    "gps_track": "gps",
+    "lat": "gps",
+    "lon": "gps",
+    "lng": "gps",
     "latitude": "gps",
     "longitude": "gps",
+    "gpslatitude": "gps",
+    "gpslongitude": "gps",
     "geolocation": "gps",
 }
-_SERIAL = re.compile(r"(?:.*_)?(?:serial|serial_?number|serial_?no|mac_address)", re.IGNORECASE)
+_SERIAL = re.compile(r"(?:.*_)?(?:serials?|serial_?numbers?|serial_?no|mac_address)", re.IGNORECASE)
 _WHY: dict[Kind, str] = {
     "operator": "who collected it; the standard asks for a pseudonym",
     "site": "where it was collected",
@@ -47,6 +58,7 @@ _SHORTEST: dict[Kind, int] = {"operator": 3, "user": 3, "site": 5, "serial": 5, 
 _PSEUDONYM = re.compile(r"(?:operator|site|serial|host|user)-[0-9a-f]{12}")
 _LEAST_KEY = 16
 _DEEPEST = 64
+_WHOLE: tuple[Kind, ...] = ("gps", "operator")  # whatever they are made of
 _PEOPLE: tuple[Kind, ...] = ("operator", "user")
 # Whoever is named there wants to be.
 _PUBLIC = ("/authors", "/citation")
@@ -157,7 +169,7 @@ def _strings(value: Any, key: str | None, depth: int) -> Iterator[tuple[str | No
             yield from _strings(item, name, depth + 1)
     elif depth < _DEEPEST and isinstance(value, list):
         for item in value:
-            yield from _strings(item, None, depth + 1)
+            yield from _strings(item, key, depth + 1)
 
 
 @lru_cache(maxsize=1024)
@@ -189,7 +201,7 @@ class _Walk:
         for key, value in fields.items():
             place = f"{pointer}/{key.replace('~', '~0').replace('/', '~1')}"
             kind = _kind_of_key(key)
-            if kind is not None and (kind == "gps" or not isinstance(value, dict | list)):
+            if kind is not None and (kind in _WHOLE or not _has_fields(value)):
                 if not _is_said(value):
                     made[key] = value
                     continue
@@ -214,6 +226,13 @@ class _Walk:
 
     def _taken(self, kind: Kind, pointer: str, value: object, why: str) -> bool:
         return self.take(kind, f"{self.where}#{pointer}", shortened(value), why)
+
+
+def _has_fields(value: Any) -> bool:
+    """Whether a value is made of others that have to be looked at one by one."""
+    if isinstance(value, list):
+        return any(isinstance(item, dict | list) for item in value)
+    return isinstance(value, dict)
 
 
 def _is_said(value: Any) -> bool:
