@@ -66,4 +66,4 @@ def run(
     if len({d.metadata.description for d in datasets}) > 1:
         metadata.description = None
     made = plan_merge(datasets, splits=splits)
-    write_dataset(made, metadata, out, dry_run=dry_run, output=output, quiet=quiet)
+    write_dataset(made, metadata, out, sources=sources, dry_run=dry_run, output=output, quiet=quiet)

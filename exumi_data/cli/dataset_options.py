@@ -1,6 +1,6 @@
 """What the verbs of ``exumi dataset`` share: which episodes, and how a change is made and told."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -88,8 +88,17 @@ def changing(root: Path, *, dry_run: bool) -> Iterator[list[str]]:
     """
     from exumi_data.cli.indexing import refresh_catalog
     from exumi_data.destination import only_run
+    from exumi_data.errors import UsageError
     from exumi_data.leftovers import clean_leftovers
+    from exumi_data.manifest import MANIFEST_NAME
 
+    if (root / MANIFEST_NAME).exists():
+        raise UsageError(
+            "is a release, which its manifest.json describes: releases are not changed",
+            where=root,
+            fix="Change the dataset it was made of, or a copy: exumi dataset select DATASET COPY "
+            "--all",
+        )
     if dry_run:
         yield []
         return
@@ -176,6 +185,7 @@ def write_dataset(
     metadata: "DatasetMetadata",
     target: Path,
     *,
+    sources: "Sequence[Path]",
     dry_run: bool,
     output: Format,
     quiet: bool,
@@ -188,6 +198,8 @@ def write_dataset(
     metadata : DatasetMetadata
         Splits and how it was made are filled in.
     target : pathlib.Path
+    sources : sequence of pathlib.Path
+        The datasets that are read, also those of which nothing is chosen.
     dry_run : bool
     output : Format
     quiet : bool
@@ -195,7 +207,7 @@ def write_dataset(
     Raises
     ------
     UsageError
-        Nothing is chosen, or another dataset is there.
+        Nothing is chosen, or another dataset is there, or other revisions of the episodes.
     """
     from exumi_data.cli.output import print_json, printable, progress_of, size_text
     from exumi_data.destination import only_run, take_up, update_catalog
@@ -206,10 +218,11 @@ def write_dataset(
 
     if not made.chosen:
         raise UsageError("no episode is chosen")
-    metadata.splits, metadata.made_by = [], made_by()
+    # Other episodes than those of a release are not that release.
+    metadata.splits, metadata.made_by, metadata.release = [], made_by(), None
     notices = list(made.notices)
+    _refuse_other_data(made, target, sources)
     if not dry_run:
-        _refuse_other_data(made, target)
         root = take_up(target, metadata)
         with only_run(root), progress_of("Copying", quiet=quiet) as update:
             notices += clean_leftovers(root)
@@ -239,11 +252,13 @@ def write_dataset(
         print(printable(f"  {notice}"))
 
 
-def _refuse_other_data(made: "Merge", target: Path) -> None:
+def _refuse_other_data(made: "Merge", target: Path, sources: "Sequence[Path]") -> None:
     from exumi_data.catalog import list_episodes
+    from exumi_data.destination import is_current
     from exumi_data.errors import UsageError
+    from exumi_data.manifest import MANIFEST_NAME
 
-    inside = {one.root.resolve() for one in made.chosen}
+    inside = {source.resolve() for source in sources}
     here = target.resolve()
     if any(here == root or here.is_relative_to(root) for root in inside):
         raise UsageError(
@@ -251,6 +266,8 @@ def _refuse_other_data(made: "Merge", target: Path) -> None:
             where=target,
             fix="Name a new folder.",
         )
+    if (target / MANIFEST_NAME).exists():
+        raise UsageError("is a release, which is not changed", where=target, fix="Name another.")
     wanted = {one.target for one in made.chosen}
     others = [path for path in list_episodes(target) if path not in wanted]
     if others:
@@ -258,6 +275,20 @@ def _refuse_other_data(made: "Merge", target: Path) -> None:
             f"holds {len(others)} other episodes, the first is {others[0]}",
             where=target,
             fix="Name a new folder, and that one among the datasets that are merged.",
+        )
+    # A run that was stopped left the very bytes that this one would write; whatever else is there
+    # was changed since, and nobody said that it may go.
+    changed = [
+        one.target
+        for one in made.chosen
+        if (target / one.target).exists() and not is_current(target / one.target, one.row)
+    ]
+    if changed:
+        raise UsageError(
+            f"holds {len(changed)} of these episodes as they are not here, such as {changed[0]}: "
+            "they would be lost",
+            where=target,
+            fix="Name a new folder; exumi dataset merge takes the latest revision of each.",
         )
 
 

@@ -95,6 +95,9 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     }
     fields = {name: value for name, value in given.items() if value is not None}
     cleared = [name.replace("-", "_") for name in clear or []]
+    both = [name for name in cleared if name in fields]
+    if both:
+        raise UsageError(f"both said and cleared: {', '.join(both)}")
     fields |= {name: None for name in cleared if name in FIELDS}
     labels = tuple(parse_label(text) for text in label or [])
     properties = tuple(name for name in clear or [] if name.replace("-", "_") not in FIELDS)

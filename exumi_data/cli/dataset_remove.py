@@ -48,6 +48,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     from exumi_data.editing.selection import choose
     from exumi_data.errors import UsageError
 
+    if not reason.strip():
+        raise UsageError("no reason is given", fix="Say --reason 'the gel was torn', or another.")
     with changing(dataset, dry_run=dry_run):
         source = opened(dataset)
         ids = choose(

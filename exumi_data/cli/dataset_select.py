@@ -60,4 +60,6 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     metadata = dataset.metadata.model_copy(deep=True)
     if name is not None:
         metadata.name = name
-    write_dataset(made, metadata, target, dry_run=dry_run, output=output, quiet=quiet)
+    write_dataset(
+        made, metadata, target, sources=[source], dry_run=dry_run, output=output, quiet=quiet
+    )

@@ -148,7 +148,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         version=version,
         previous=previous,
         split=_wish(split, lists, seed),
-        preview_bytes=round(preview_mb * 1e6),
+        preview_bytes=round(min(preview_mb, 1e9) * 1e6),
         published=published,
         keep=_kinds(keep),
         remove=_kinds(remove),

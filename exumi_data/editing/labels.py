@@ -178,6 +178,10 @@ def parse_label(text: str) -> Label:
         if not scaled or ".." not in scale:
             return Label(property=name, value=_number_or_word(value), **_BY_ONE)
         low, high = (float(end) for end in scale.split(".."))
+        if low < high and not low <= float(number) <= high:
+            raise UsageError(
+                f"{text!r}: {number} is not on its scale", fix="Write it such as hardness=7:0..10."
+            )
         if low < high:
             return Label(property=name, value=float(number), scale=[low, high], **_BY_ONE)
     except ValueError:

@@ -21,6 +21,7 @@ from exumi_data.store.pack import pack
 __all__ = ["Trim", "trim_episode"]
 
 _SALIENT = "salient"
+_LONGEST_S = 2**63 / 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +111,11 @@ def _is_video(episode: Episode, name: str) -> bool:
 
 def _stretch(start_s: float | None, end_s: float | None) -> Stretch:
     ends = np.iinfo(np.int64)
+    for moment in (start_s, end_s):
+        if moment is not None and not abs(moment) < _LONGEST_S:
+            raise UsageError(
+                f"{moment} s is no moment of an episode", fix="Say seconds, such as 1.5."
+            )
     first = ends.min if start_s is None else round(start_s * 1e9)
     stop = ends.max if end_s is None else round(end_s * 1e9)
     if first >= stop:

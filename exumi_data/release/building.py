@@ -17,6 +17,7 @@ from exumi_data.errors import DamagedDataError, UsageError
 from exumi_data.leftovers import clean_leftovers
 from exumi_data.manifest import MANIFEST_NAME, sha256_of, write_manifest
 from exumi_data.model.documents import dump
+from exumi_data.release.card import Finding
 from exumi_data.release.changelog import CHANGELOG_NAME, changelog_of
 from exumi_data.release.changes import Changes, compare
 from exumi_data.release.describing import describe
@@ -56,6 +57,15 @@ class Built:
     preview: tuple[str, ...]
     preview_bytes: int
     changes: Changes | None
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A finding of the validator, as the card tells it."""
+
+    code: str
+    severity: str
+    message: str
 
 
 def partial_folder(target: Path) -> Path:
@@ -115,7 +125,8 @@ def build_release(
         changes = _write_documents(work, plan, packed, workers)
         preview = _write_preview(work, plan, packed)
         report = plan.judgement.report
-        describe(work, None if report is None else report.counted, workers=workers)
+        findings = None if report is None else [_told(one, plan) for one in report.counted]
+        describe(work, findings, workers=workers)
         manifest = write_manifest(work, {one.path: one.listed for one in packed})
         _check(work, judge)
         built = Built(
@@ -131,6 +142,12 @@ def build_release(
         (work / JOURNAL_NAME).unlink()
         _finish(work, target)
     return built
+
+
+def _told(found: Finding, plan: Plan) -> Told:
+    """Return what the card tells of a finding: it was made before anything was taken out."""
+    message = found.message if plan.removal is None else plan.removal.cleaned(found.message)
+    return Told(found.code, found.severity, message)
 
 
 def _clear(work: Path, plan: Plan) -> None:
@@ -170,7 +187,12 @@ def _write_documents(
     release = plan.metadata.release
     assert release is not None  # noqa: S101  # whoever calls has looked
     text = changelog_of(
-        metadata.name, release.version, release.previous, changes, plan.older_changelog
+        metadata.name,
+        release.version,
+        release.previous,
+        changes,
+        plan.older_changelog,
+        plan.removal,
     )
     write_atomic(work / CHANGELOG_NAME, text.encode())
     return changes

@@ -4,6 +4,8 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 
 from exumi_data.release.changes import Changes, EpisodeChange, Kind
+from exumi_data.release.privacy import Removal
+from exumi_data.release.privacy.documents import without_private_fields
 
 __all__ = ["CHANGELOG_NAME", "change_lines", "changelog_of"]
 
@@ -21,9 +23,17 @@ _LONGEST = 120
 
 
 def changelog_of(
-    name: str, version: str, previous: str | None, changes: Changes | None, older: str | None
+    name: str,
+    version: str,
+    previous: str | None,
+    changes: Changes | None,
+    older: str | None,
+    removal: Removal | None = None,
 ) -> str:
     """Return the text of a changelog.
+
+    What a field that may be private was, and is, is not told: a name that was taken out would stay
+    here for good.
 
     Parameters
     ----------
@@ -36,30 +46,38 @@ def changelog_of(
         What differs from that; None of a first release.
     older : str or None
         The changelog of the release before.
+    removal : Removal, optional
+        What is taken out of the release.
     """
+    out = removal or Removal(frozenset())
     lines = [f"## {version}", ""]
     if changes is None or previous is None:
         lines.append("The first release.")
     else:
-        said = list(change_lines(changes)) or ["Nothing changed in the data."]
+        said = list(change_lines(changes, hidden=out)) or ["Nothing changed in the data."]
         lines += [f"Compared with {previous}:", "", *(f"- {line}" for line in said)]
     entry = "\n".join(lines) + "\n"
     before = "" if older is None else older[older.find("\n## ") + 1 :] if "\n## " in older else ""
+    before = out.cleaned(before)
     head = f"# Changes of {' '.join(name.split())}\n\n"
     return head + entry + (f"\n{before}" if before else "")
 
 
-def change_lines(changes: Changes) -> Iterator[str]:
+def change_lines(changes: Changes, *, hidden: Removal | None = None) -> Iterator[str]:
     """Say what differs, one line a kind of change.
 
     Parameters
     ----------
     changes : Changes
+    hidden : Removal, optional
+        Then what may be private is not told, and neither are the names that it has.
     """
     for kind, words in _KINDS:
         alike: dict[str, list[EpisodeChange]] = {}
         for one in changes.of(kind):
-            alike.setdefault(_fields(one.fields) if kind == "relabelled" else "", []).append(one)
+            alike.setdefault(
+                _fields(one.fields, hidden) if kind == "relabelled" else "", []
+            ).append(one)
         for fields, same in alike.items():
             count = f"{len(same)} episode{'s' if len(same) > 1 else ''} {words}"
             yield f"{count}{fields}: {_named([one.id for one in same])}"
@@ -70,17 +88,26 @@ def change_lines(changes: Changes) -> Iterator[str]:
         else:
             yield f"split {split.name} {split.kind}"
     for key, (before, after) in changes.document.items():
-        yield f"{key}: {_value(before)}, now {_value(after)}"
+        yield f"{key}: {_value(key, before, hidden)}, now {_value(key, after, hidden)}"
 
 
-def _fields(fields: Mapping[str, tuple[object, object]]) -> str:
-    said = [f"{key} {_value(old)}, now {_value(new)}" for key, (old, new) in fields.items()]
+def _fields(fields: Mapping[str, tuple[object, object]], hidden: Removal | None) -> str:
+    said = [
+        f"{key} {_value(key, old, hidden)}, now {_value(key, new, hidden)}"
+        for key, (old, new) in fields.items()
+    ]
     return f" ({'; '.join(said)})" if said else ""
 
 
-def _value(value: object) -> str:
+def _value(key: str, value: object, hidden: Removal | None) -> str:
     if value is None:
         return "nothing"
+    if hidden is not None:
+        name = key.rpartition(".")[2]
+        left = without_private_fields({name: value}, key, lambda *_, **__: True, hidden)
+        if name not in left:
+            return "something"
+        value = left[name]
     text = json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 

@@ -4,6 +4,7 @@ A journal beside the episodes keeps what was computed of each, one line an episo
 from the same bytes before is not read again.
 """
 
+import errno
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -29,6 +30,8 @@ from exumi_data.store.pack import pack_store
 __all__ = ["JOURNAL_NAME", "Packed", "pack_episodes"]
 
 JOURNAL_NAME = ".packed.jsonl"
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +116,8 @@ def pack_episodes(
     outcomes = map_items(pack, todo, workers=1 if len(todo) < 8 else workers)
     with _journal(root, by, done.values()) as note:
         for outcome in outcomes:
+            if isinstance(outcome.error, OSError) and outcome.error.errno in _FULL:
+                raise outcome.error  # the others would end in the same way
             if outcome.value is None:
                 problems.append(str(outcome.error))
                 continue
@@ -166,7 +171,9 @@ def _source(one: Chosen) -> dict[str, Any]:
 def _maker(removal: Removal | None) -> str:
     """Return what tells one way of packing from another; a key does not show in it."""
     kinds, key = (sorted(removal.kinds), removal.key or b"") if removal else ([], b"")
-    told = hashlib.sha256(b"\0".join([",".join(kinds).encode(), key])).hexdigest()
+    names = sorted(removal.names) if removal else []
+    parts = [",".join(kinds).encode(), key, *(name.encode() for name in names)]
+    told = hashlib.sha256(b"\0".join(parts)).hexdigest()
     return f"{__version__} {told[:16]}"
 
 

@@ -1,7 +1,7 @@
 """What a release will be, decided before anything is written; all that forbids it, at once."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ from exumi_data.release.privacy import (
     counted,
     dataset_without_private,
     find_private,
+    people_of,
     unresolved,
 )
 from exumi_data.release.versions import AUTO, decide_version
@@ -192,7 +193,7 @@ def plan_release(
         problems.append(f"{wishes.licence_file}: no such file")
     private = tried(lambda: find_private(source, workers=workers), [])
     problems += tried(lambda: _undecided(private, wishes), [])
-    removal = tried(lambda: _removal(private, wishes), None)
+    removal = tried(lambda: _removal(source, private, wishes, workers), None)
     if removal is not None:
         metadata = dataset_without_private(metadata, removal)[0]
     splits = tried(lambda: _splits(dataset, wishes.split), {})
@@ -289,12 +290,16 @@ def _publish(metadata: DatasetMetadata, day: str | None) -> None:
     metadata.release.published = day
 
 
-def _removal(private: list[PrivateItem], wishes: Wishes) -> Removal | None:
+def _removal(
+    source: Path, private: list[PrivateItem], wishes: Wishes, workers: int | None
+) -> Removal | None:
     """Return what is taken out, where something of it was found."""
     kinds = check_kinds(wishes.remove)
     check_kinds(wishes.keep)
     removal = Removal(kinds, wishes.pseudonym_key)
-    return removal if any(one.kind in kinds for one in private) else None
+    if not any(one.kind in kinds for one in private):
+        return None
+    return replace(removal, names=people_of(source, workers=workers))
 
 
 def _other_licences(dataset: "Dataset", licence: str) -> list[str]:

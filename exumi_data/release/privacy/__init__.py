@@ -1,7 +1,7 @@
 """What in a dataset may be private: found, and kept or taken out before it is released."""
 
 from exumi_data.release.privacy.documents import Removal
-from exumi_data.release.privacy.finding import find_private, private_in
+from exumi_data.release.privacy.finding import find_private, people_of, private_in
 from exumi_data.release.privacy.kinds import (
     KINDS,
     Kind,
@@ -29,6 +29,7 @@ __all__ = [
     "counted",
     "dataset_without_private",
     "find_private",
+    "people_of",
     "private_in",
     "remove_private",
     "unresolved",

@@ -3,19 +3,25 @@
 import hashlib
 import hmac
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.errors import UsageError
 from exumi_data.release.privacy.kinds import Kind, Take, check_kinds, shortened
 from exumi_data.release.privacy.text import GONE, account_names, matches_in
 
-__all__ = ["Removal", "without_private_fields"]
+__all__ = ["Removal", "people_named", "without_private_fields"]
 
 _NAMED: dict[str, Kind] = {
     "operator": "operator",
+    "operators": "operator",
+    "annotator": "operator",
+    "annotators": "operator",
+    "collected_by": "operator",
+    "recorded_by": "operator",
     "site": "site",
     "hub": "host",
     "host": "host",
@@ -27,11 +33,17 @@ _NAMED: dict[str, Kind] = {
     "login": "user",
     "email": "email",
     "gps": "gps",
+    "gps_track": "gps",
+    "lat": "gps",
+    "lon": "gps",
+    "lng": "gps",
     "latitude": "gps",
     "longitude": "gps",
+    "gpslatitude": "gps",
+    "gpslongitude": "gps",
     "geolocation": "gps",
 }
-_SERIAL = re.compile(r"(?:.*_)?(?:serial|serial_?number|serial_?no|mac_address)", re.IGNORECASE)
+_SERIAL = re.compile(r"(?:.*_)?(?:serials?|serial_?numbers?|serial_?no|mac_address)", re.IGNORECASE)
 _WHY: dict[Kind, str] = {
     "operator": "who collected it; the standard asks for a pseudonym",
     "site": "where it was collected",
@@ -46,6 +58,10 @@ _SHORTEST: dict[Kind, int] = {"operator": 3, "user": 3, "site": 5, "serial": 5, 
 _PSEUDONYM = re.compile(r"(?:operator|site|serial|host|user)-[0-9a-f]{12}")
 _LEAST_KEY = 16
 _DEEPEST = 64
+_WHOLE: tuple[Kind, ...] = ("gps", "operator")  # whatever they are made of
+_PEOPLE: tuple[Kind, ...] = ("operator", "user")
+# Whoever is named there wants to be.
+_PUBLIC = ("/authors", "/citation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +76,14 @@ class Removal:
     kinds : frozenset of str
     key : bytes or None
         A secret of at least 16 bytes; it is no part of the dataset.
+    names : mapping of str to str
+        Words that are private wherever the dataset has them, and their kinds: a person whom one
+        document names as its operator is often named in the text of another.
     """
 
     kinds: frozenset[Kind]
     key: bytes | None = None
+    names: Mapping[str, Kind] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_kinds(self.kinds)
@@ -78,6 +98,15 @@ class Removal:
             return None
         code = hmac.new(self.key, f"{kind}\0{value}".encode(), hashlib.sha256).hexdigest()
         return f"{kind}-{code[:12]}"
+
+    def cleaned(self, text: str) -> str:
+        """Return a text without what is taken out, line breaks and all else as they were."""
+        parts, end = [], 0
+        for match in matches_in(text, self.names):
+            if match.kind in self.kinds:
+                parts += [text[end : match.start], match.instead]
+                end = match.stop
+        return "".join([*parts, text[end:]])
 
 
 def without_private_fields(
@@ -99,8 +128,24 @@ def without_private_fields(
     -------
     JSON value
     """
-    names = _names(document)
-    return _Walk(where, take, removal or Removal(frozenset()), names).value(document, "", 0)
+    return _Walk(where, take, removal or Removal(frozenset()), _names(document)).value(
+        document, "", 0
+    )
+
+
+def people_named(document: Any) -> dict[str, Kind]:
+    """Return the people whom a document names in fields that are for it, and their accounts.
+
+    Parameters
+    ----------
+    document : JSON value
+
+    Returns
+    -------
+    dict of str to str
+        Words, and the kind of each.
+    """
+    return {name: kind for name, kind in _names(document).items() if kind in _PEOPLE}
 
 
 def _names(document: Any) -> dict[str, Kind]:
@@ -124,7 +169,7 @@ def _strings(value: Any, key: str | None, depth: int) -> Iterator[tuple[str | No
             yield from _strings(item, name, depth + 1)
     elif depth < _DEEPEST and isinstance(value, list):
         for item in value:
-            yield from _strings(item, None, depth + 1)
+            yield from _strings(item, key, depth + 1)
 
 
 @lru_cache(maxsize=1024)
@@ -156,7 +201,7 @@ class _Walk:
         for key, value in fields.items():
             place = f"{pointer}/{key.replace('~', '~0').replace('/', '~1')}"
             kind = _kind_of_key(key)
-            if kind is not None and (kind == "gps" or not isinstance(value, dict | list)):
+            if kind is not None and (kind in _WHOLE or not _has_fields(value)):
                 if not _is_said(value):
                     made[key] = value
                     continue
@@ -170,7 +215,9 @@ class _Walk:
 
     def _text(self, text: str, pointer: str) -> str:
         parts, end = [], 0
-        for match in matches_in(text, self.names):
+        is_public = self.where == DATASET_DOCUMENT and pointer.startswith(_PUBLIC)
+        names = self.names if is_public else {**self.removal.names, **self.names}
+        for match in matches_in(text, names):
             value = text[match.start : match.stop]
             if self._taken(match.kind, pointer, value, match.why):
                 parts += [text[end : match.start], match.instead]
@@ -179,6 +226,13 @@ class _Walk:
 
     def _taken(self, kind: Kind, pointer: str, value: object, why: str) -> bool:
         return self.take(kind, f"{self.where}#{pointer}", shortened(value), why)
+
+
+def _has_fields(value: Any) -> bool:
+    """Whether a value is made of others that have to be looked at one by one."""
+    if isinstance(value, list):
+        return any(isinstance(item, dict | list) for item in value)
+    return isinstance(value, dict)
 
 
 def _is_said(value: Any) -> bool:

@@ -1,7 +1,7 @@
 """What in a dataset may be private."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -11,15 +11,16 @@ from exumi_data.engine import map_items
 from exumi_data.errors import NotAnEpisodeError
 from exumi_data.model.documents import MAX_DOCUMENT_BYTES, load_json
 from exumi_data.model.json_limits import MAX_LIST_PARTS
-from exumi_data.release.privacy.documents import without_private_fields
+from exumi_data.release.privacy.documents import Removal, people_named, without_private_fields
 from exumi_data.release.privacy.kinds import Kind, PrivateItem, shortened
 from exumi_data.release.privacy.scanning import scan_store
 from exumi_data.store.access import Store, open_store
 from exumi_data.store.plain_files import read_plain
 
-__all__ = ["find_private", "private_in"]
+__all__ = ["find_private", "people_of", "private_in"]
 
 _MANY_EPISODES = 200
+_EPISODE_DOCUMENT = "zarr.json"
 
 
 def find_private(
@@ -55,12 +56,13 @@ def find_private(
     """
     folder = Path(root)
     if not (folder / DATASET_DOCUMENT).is_file():
-        return _of_episode("", root=str(folder))
-    found = list(_of_dataset(folder))
+        return _of_episode("", root=str(folder), names={})
+    names = people_of(folder, workers=workers)
+    found = list(_of_dataset(folder, names))
     paths = list_episodes(folder)
-    processes = 1 if workers is None and len(paths) <= _MANY_EPISODES else workers
     episodes: dict[str, list[PrivateItem]] = {}
-    for outcome in map_items(partial(_of_episode, root=str(folder)), paths, workers=processes):
+    work = partial(_of_episode, root=str(folder), names=names)
+    for outcome in map_items(work, paths, workers=_processes(paths, workers)):
         if outcome.error is not None:
             raise outcome.error
         episodes[outcome.item] = outcome.value or []
@@ -69,7 +71,56 @@ def find_private(
     return found + [item for path in paths for item in episodes[path]]
 
 
-def private_in(store: Store, episode: str = "") -> list[PrivateItem]:
+def people_of(root: str | os.PathLike[str], *, workers: int | None = None) -> dict[str, Kind]:
+    """Return the people whom any document of a dataset names as such, for `Removal`.
+
+    Parameters
+    ----------
+    root : path-like
+        The dataset's folder.
+    workers : int, optional
+        Processes. Default: one for up to 200 episodes, else all cores.
+
+    Returns
+    -------
+    dict of str to str
+        Names, in order, and the kind of each.
+
+    Raises
+    ------
+    ExumiError
+        Something cannot be read.
+    """
+    folder = Path(root)
+    found = people_named(load_json(_dataset_bytes(folder), folder / DATASET_DOCUMENT))
+    paths = list_episodes(folder)
+    work = partial(_people_of_episode, root=str(folder))
+    for outcome in map_items(work, paths, workers=_processes(paths, workers)):
+        if outcome.error is not None:
+            raise outcome.error
+        found |= outcome.value or {}
+    return dict(sorted(found.items()))
+
+
+def _dataset_bytes(root: Path) -> bytes:
+    return read_plain(root / DATASET_DOCUMENT, MAX_DOCUMENT_BYTES)
+
+
+def _processes(paths: list[str], workers: int | None) -> int | None:
+    return 1 if workers is None and len(paths) <= _MANY_EPISODES else workers
+
+
+def _people_of_episode(path: str, *, root: str) -> dict[str, Kind]:
+    store = open_store(f"{root}/{path}")
+    try:
+        return people_named(load_json(store.read(_EPISODE_DOCUMENT), f"{root}/{path}"))
+    finally:
+        store.close()
+
+
+def private_in(
+    store: Store, episode: str = "", names: Mapping[str, Kind] | None = None
+) -> list[PrivateItem]:
     """List what in an episode may be private.
 
     Parameters
@@ -77,30 +128,33 @@ def private_in(store: Store, episode: str = "") -> list[PrivateItem]:
     store : Store
     episode : str, optional
         Its path, for the items.
+    names : mapping of str to str, optional
+        People whom other documents name, and the kind of each.
     """
     found: dict[PrivateItem, None] = {}
-    scan_store(store, _Lister(found, episode))
+    scan_store(store, _Lister(found, episode), Removal(frozenset(), names=names or {}))
     return list(found)
 
 
-def _of_episode(path: str, *, root: str) -> list[PrivateItem]:
+def _of_episode(path: str, *, root: str, names: Mapping[str, Kind]) -> list[PrivateItem]:
     store = open_store(f"{root}/{path}" if path else root)
     try:
-        return private_in(store, path)
+        return private_in(store, path, names)
     except FileNotFoundError:
         raise NotAnEpisodeError("neither a dataset nor an episode", where=root) from None
     finally:
         store.close()
 
 
-def _of_dataset(root: Path) -> Iterator[PrivateItem]:
+def _of_dataset(root: Path, names: Mapping[str, Kind]) -> Iterator[PrivateItem]:
     documents = [DATASET_DOCUMENT]
     documents += sorted(f"splits/{path.name}" for path in (root / "splits").glob("*.json"))
     for name in documents:
         found: dict[PrivateItem, None] = {}
         raw = read_plain(root / name, MAX_DOCUMENT_BYTES)
         document = load_json(raw, root / name, most_parts=MAX_LIST_PARTS)
-        without_private_fields(document, name, _Lister(found, ""))
+        nothing = Removal(frozenset(), names=names)
+        without_private_fields(document, name, _Lister(found, ""), nothing)
         yield from found
 
 

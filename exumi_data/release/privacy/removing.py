@@ -9,7 +9,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +32,11 @@ from exumi_data.model.documents import (
 from exumi_data.model.images import EncodedImages, VideoImages
 from exumi_data.model.streams import images_of
 from exumi_data.release.privacy.documents import Removal, without_private_fields
+from exumi_data.release.privacy.finding import people_of
 from exumi_data.release.privacy.kinds import Kind, PrivateItem, shortened
 from exumi_data.release.privacy.patched_store import PatchedStore, spread
 from exumi_data.release.privacy.scanning import FilePatches, Scan, scan_store
+from exumi_data.release.privacy.text import GONE
 from exumi_data.store import jpeg
 from exumi_data.store.access import Store, open_store
 from exumi_data.store.files import claim_folder, replace_folder, sync_tree, write_atomic
@@ -146,6 +148,10 @@ def dataset_without_private(
     document = without_private_fields(dump(metadata), DATASET_DOCUMENT, take, removal)
     if not removed:
         return metadata, []
+    # The address of an author is taken out with its brackets: "removed" is nobody's family name.
+    authors = [author.removesuffix(f" <{GONE}>") for author in document.get("authors", [])]
+    if authors:
+        document["authors"] = authors
     raw = json.dumps(document, ensure_ascii=False).encode()
     return parse_dataset(raw, DATASET_DOCUMENT), list(removed)
 
@@ -189,6 +195,7 @@ def remove_private(
         metadata = parse_dataset(read_plain(document, MAX_DOCUMENT_BYTES), document)
     except FileNotFoundError:
         raise UsageError("no dataset.json: not a dataset", where=root) from None
+    removal = replace(removal, names={**people_of(folder), **removal.names})
     changed, removed = dataset_without_private(metadata, removal)
     for number, path in enumerate(list_episodes(folder), 1):
         removed += _clean_episode(folder, path, removal)

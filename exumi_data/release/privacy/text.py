@@ -150,8 +150,14 @@ def _patterns(text: str) -> Iterator[Match]:
 
 
 def _named(text: str, names: Mapping[str, Kind]) -> Iterator[Match]:
+    folded = text.casefold() if names else ""
     for name, kind in names.items():
-        for one in re.finditer(rf"(?<!\w){re.escape(name)}(?!\w)", text):
+        if name.casefold() not in folded:
+            continue
+        is_one_word = " " not in name
+        for one in re.finditer(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE):
+            if is_one_word and one[0] != name and one[0].islower():
+                continue  # Mark is a person, to mark is not
             yield Match(kind, one.start(), one.end(), GONE, f"the {kind} is named")
 
 

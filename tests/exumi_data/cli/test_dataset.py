@@ -8,6 +8,9 @@ from typer.testing import CliRunner, Result
 
 from exumi_data.cli.app import app
 from exumi_data.dataset import open_dataset
+from exumi_data.editing.documents import change_dataset
+from exumi_data.manifest import write_manifest
+from exumi_data.model.dataset import DatasetMetadata, Release
 from exumi_validators import validate
 from tests.exumi_data.builders import episode_id, write_dataset
 
@@ -138,3 +141,71 @@ def test_mistakes_are_told(root: Path, arguments: tuple[str, ...], says: str) ->
     assert says in done.output
     assert "bug" not in done.output
     assert state_of(root) == before
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("relabel", "--all", "--task", "push"),
+        ("rate", "--all", "--success"),
+        ("trim", "--all", "--end", "0.2"),
+        ("remove", "--all", "--reason", "why", "--yes"),
+        ("split",),
+    ],
+)
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)])
+def test_a_release_is_not_changed(
+    root: Path, arguments: tuple[str, ...], dry: tuple[str, ...]
+) -> None:
+    write_manifest(root)
+    before = state_of(root)
+    refused = run(arguments[0], root, *arguments[1:], *dry)
+    assert refused.exit_code == 2
+    assert "releases are not changed" in refused.stderr
+    assert state_of(root) == before
+
+
+def test_a_part_of_a_release_is_no_release(root: Path, tmp_path: Path) -> None:
+    def released(metadata: DatasetMetadata) -> None:
+        metadata.release = Release(version="1.2.3")
+
+    change_dataset(root, released)
+    good("select", root, tmp_path / "new", "--episode", IDS[0])
+    assert open_dataset(tmp_path / "new").metadata.release is None
+
+
+def test_what_contradicts_itself_or_says_nothing(root: Path) -> None:
+    before = state_of(root)
+    both = run("relabel", root, "--all", "--object", "mug", "--clear", "object")
+    assert "both said and cleared: object" in both.stderr
+    silent = run("remove", root, "--all", "--reason", " ", "--yes")
+    assert "no reason is given" in silent.stderr
+    assert both.exit_code == silent.exit_code == 2
+    assert state_of(root) == before
+
+
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)])
+def test_a_source_is_not_written_over_where_all_of_it_is_older(
+    root: Path, tmp_path: Path, dry: tuple[str, ...]
+) -> None:
+    good("select", root, tmp_path / "later", "--all")
+    good("rate", tmp_path / "later", "--all", "--success")
+    before = state_of(tmp_path)
+    refused = run("merge", root, tmp_path / "later", "--out", root, *dry)
+    assert refused.exit_code == 2
+    assert "is one of the datasets that are read" in refused.stderr
+    assert state_of(tmp_path) == before
+
+
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)])
+def test_what_was_changed_since_is_not_written_over(
+    root: Path, tmp_path: Path, dry: tuple[str, ...]
+) -> None:
+    good("select", root, tmp_path / "copy", "--all")
+    good("select", root, tmp_path / "copy", "--all")  # the same again is no harm
+    good("rate", tmp_path / "copy", IDS[1], "--success")
+    before = state_of(tmp_path)
+    refused = run("select", root, tmp_path / "copy", "--all", *dry)
+    assert refused.exit_code == 2
+    assert "holds 1 of these episodes as they are not here" in refused.stderr
+    assert state_of(tmp_path) == before

@@ -150,7 +150,7 @@ def test_labels_as_they_are_typed(text: str, value: float | str, scale: list[flo
 
 
 @pytest.mark.parametrize(
-    "text", ["hardness", "=7", "hardness=", "a=7:10..0", "a=x:0..1", "a=1:0..x"]
+    "text", ["hardness", "=7", "hardness=", "a=7:10..0", "a=x:0..1", "a=1:0..x", "a=70:0..10"]
 )
 def test_what_is_no_label(text: str) -> None:
     with pytest.raises(UsageError, match=r"hardness=7:0\.\.10"):

@@ -73,3 +73,10 @@ def test_nothing_left_is_refused(episode: Path) -> None:
     assert "from -0.050 s to" in str(caught.value)
     with pytest.raises(UsageError, match="no stretch"):
         trim_episode(episode, 2.0, 1.0)
+
+
+@pytest.mark.parametrize("moment", [float("nan"), float("inf"), -1e300, 1e300])
+def test_what_is_no_moment(episode: Path, moment: float) -> None:
+    for ends in ((moment, None), (None, moment)):
+        with pytest.raises(UsageError, match="is no moment of an episode"):
+            trim_episode(episode, *ends)

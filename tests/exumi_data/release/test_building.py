@@ -1,4 +1,6 @@
+import errno
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -195,3 +197,20 @@ def test_an_invalid_result_keeps_its_partial_name(source: Path, tmp_path: Path) 
 def test_the_source_is_not_written_into(source: Path) -> None:
     plan = planned(source, source / "release")
     assert any("lies in the dataset" in problem for problem in plan.problems)
+
+
+def test_a_full_disk_is_said_once(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from exumi_data.release import packing
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(packing, "pack_store", full)
+        with pytest.raises(OSError, match="No space left") as told:
+            build_release(planned(source, tmp_path / "out"), judge_with(1), workers=1)
+    assert told.value.errno == errno.ENOSPC
+    build_release(planned(source, tmp_path / "out"), judge_with(1), workers=1)
+    assert verify_release(tmp_path / "out").good

@@ -128,3 +128,53 @@ def test_a_day_that_is_none(named: Path, tmp_path: Path) -> None:
     wishes = {"keep": ("operator", "email"), "published": "1 March 2026"}
     (problem,) = planned(named, tmp_path / "out", **wishes).problems
     assert "is no day" in problem
+
+
+def test_a_person_is_found_wherever_the_dataset_has_the_name(
+    named: Path, tmp_path: Path, release: Release
+) -> None:
+    told = {
+        "instruction": "filmed by ADA LOVELACE",
+        "name": "ada lovelace's way",
+    }
+    edit_metadata(named / episode_path(episode_id(2)), lambda said: said.update(task=told))
+
+    def described(metadata: DatasetMetadata) -> None:
+        metadata.description = "Collected by Ada Lovelace."
+        metadata.authors = ["Ada Lovelace <ada@example.org>"]
+
+    change_dataset(named, described)
+    write_catalog(named, build_catalog(named)[0])
+    release(named, tmp_path / "out", remove=("operator", "email"))
+    released = open_dataset(tmp_path / "out")
+    assert released.metadata.description == "Collected by removed."
+    assert released.metadata.authors == ["Ada Lovelace"]  # who signs wants to be named
+    for path, content in tree(tmp_path / "out" / "episodes").items():
+        assert b"lovelace" not in content.lower(), path
+    assert 'family-names: "Lovelace"' in (tmp_path / "out" / "CITATION.cff").read_text()
+    assert released[2].metadata.task.instruction == "filmed by removed"
+
+
+def test_a_changelog_does_not_tell_who_was_taken_out(
+    named: Path, tmp_path: Path, release: Release
+) -> None:
+    def said(text: str) -> None:
+        edit_metadata(
+            named / episode_path(episode_id(0)),
+            lambda it: it.update(task={"name": "press", "instruction": text}),
+        )
+        write_catalog(named, build_catalog(named)[0])
+
+    said("as Ada Lovelace does")
+    release(named, tmp_path / "one", keep=("operator", "email"))
+    old = tmp_path / "one" / "CHANGELOG.md"
+    old.write_text(old.read_text() + "\nThanks to Ada Lovelace.\n")
+    said("as Ada Lovelace did")
+    release(
+        named, tmp_path / "two", keep=("email",), remove=("operator",), previous=tmp_path / "one"
+    )
+    text = (tmp_path / "two" / "CHANGELOG.md").read_text()
+    assert "operator something, now nothing" in text
+    assert 'task.instruction "as removed does", now "as removed did"' in text
+    assert "Thanks to removed." in text
+    assert "Lovelace" not in text

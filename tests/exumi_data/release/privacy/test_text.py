@@ -1,5 +1,7 @@
 import pytest
 
+from exumi_data.release.privacy.documents import without_private_fields
+from exumi_data.release.privacy.kinds import Kind
 from exumi_data.release.privacy.text import account_names, matches_in
 
 HOME = "/".join(["", "home", "ada"])
@@ -72,3 +74,36 @@ def test_names_that_are_known_to_be_private() -> None:
         "ada",
         "bob",
     }
+
+
+def test_names_in_other_letters_and_words_that_look_like_names() -> None:
+    names: dict[str, Kind] = {"Mark": "operator", "Ada Lovelace": "operator", "zelda": "operator"}
+    text = "Mark and MARK mark it, as ada lovelace, Zelda and zelda do; Markus does not"
+    found = [text[one.start : one.stop] for one in matches_in(text, names)]
+    assert found == ["Mark", "MARK", "ada lovelace", "Zelda", "zelda"]
+
+
+@pytest.mark.parametrize(
+    ("said", "kind"),
+    [
+        ({"operator": {"name": "Ada Lovelace", "age": 36}}, "operator"),
+        ({"lab:operators": ["Ada Lovelace", "Grace Hopper"]}, "operator"),
+        ({"recorded_by": "Ada Lovelace"}, "operator"),
+        ({"serials": ["C34-1", "C34-2"]}, "serial"),
+        ({"serial_numbers": [12345678]}, "serial"),
+        ({"lat": 48.137}, "gps"),
+        ({"GPSLongitude": 11.5}, "gps"),
+        ({"gps_track": [[48.1, 11.5]]}, "gps"),
+    ],
+)
+def test_fields_of_third_parties_in_whatever_form(said: dict[str, object], kind: Kind) -> None:
+    found: list[Kind] = []
+
+    def take(kind: Kind, *_: object, **__: object) -> bool:
+        found.append(kind)
+        return True
+
+    assert without_private_fields(said, "zarr.json", take) == {}
+    assert found == [kind]
+    within = {"calibration": [{"serial": {"read": True}}]}  # what has fields is no serial
+    assert without_private_fields(within, "zarr.json", take) == within
