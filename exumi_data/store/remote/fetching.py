@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import IO
 
 from exumi_data import errors
@@ -104,7 +105,8 @@ class _Helper:
     def stop(self) -> None:
         """End it now."""
         self._process.kill()
-        self._process.wait()
+        with suppress(OSError), self._process:  # which closes its pipes, and waits for its end
+            pass
 
     def fetch(self, requests: Sequence[Request]) -> list[Outcome]:
         """Send requests through the helper."""
