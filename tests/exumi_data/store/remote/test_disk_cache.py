@@ -119,7 +119,8 @@ def test_several_processes_keep_to_one_limit(tmp_path: Path) -> None:
     for worker in workers:
         worker.join()
     assert [worker.exitcode for worker in workers] == [0, 0, 0]
-    assert 28 * BLOCK_BYTES <= on_disk(tmp_path) <= 32 * BLOCK_BYTES
+    # How many objects got a block is chance; the total is in a file of one page.
+    assert 28 * BLOCK_BYTES <= on_disk(tmp_path) <= 32 * BLOCK_BYTES + 4096
 
 
 def test_a_folder_that_cannot_be_written_is_no_reason_to_stop(tmp_path: Path) -> None:
