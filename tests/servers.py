@@ -131,6 +131,8 @@ class _Handler(BaseHTTPRequestHandler):
             return self._send(503, b"later")
         if server.mode == "slow":
             time.sleep(1.5)
+        if server.mode == "silent":
+            time.sleep(60)
         path = server.folder / unquote(parts.path).lstrip("/")
         if not path.is_file():
             return self._send(404, b"nothing")
@@ -139,7 +141,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send_part(self, data: bytes, tag: str) -> None:
         mode, asked = self.server.mode, self.headers.get("Range")
-        headers = {} if mode == "no_tag" else {"ETag": f'"{tag}"'}
+        headers = {} if mode in ("no_tag", "no_version") else {"ETag": f'"{tag}"'}
         if mode == "no_tag":
             headers["Last-Modified"] = "Sun, 22 Nov 2026 10:00:00 GMT"
         if asked is None or mode == "no_ranges":

@@ -36,6 +36,7 @@ _TARGET_SHARD_BYTES = 32 << 20
 _INDEX_ROOM = 1 << 20
 _CHUNK_COST = 48  # of an index entry, and of zstd where nothing can be saved
 _READ_PIECE = 4 << 20
+_ZSTD_ROOM = 64 << 10  # more than what zstd adds to what it cannot compress
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
@@ -381,6 +382,11 @@ class ArrayReader:
                     f"inner chunk {chunk} has a wrong length", where=self._where(shard)
                 )
             return self.store.read_range(self._shard(shard), start, length)
+        if length > 2 * expected + _ZSTD_ROOM:
+            raise DamagedDataError(
+                f"inner chunk {chunk} is longer compressed than it can be",
+                where=self._where(shard),
+            )
         raw = self.store.read_range(self._shard(shard), start, length)
         out = np.empty(expected, dtype=np.uint8)
         if not raw.startswith(_ZSTD_MAGIC):

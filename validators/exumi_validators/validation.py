@@ -144,8 +144,8 @@ def _validate_remote(
         raise UnsupportedError(
             "a dataset and an unpacked episode are judged where all their files are at hand",
             where=url,
-            fix="Download it and give the local path. Packed episodes (.zarr.zip) can be judged "
-            "by their URL.",
+            fix="Download it (aws s3 sync, rclone copy or wget -r) and give the local path: exumi "
+            "validate FOLDER. Packed episodes (.zarr.zip) can be judged by their URL.",
         )
     with tempfile.TemporaryDirectory(prefix="exumi-") as folder:
         file = download(url, Path(folder, "episode.zarr.zip"))

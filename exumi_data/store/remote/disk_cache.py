@@ -6,6 +6,7 @@ keeps what it has, so that training, which reads everything once an epoch, is se
 each time; what nobody read for an hour makes room.
 """
 
+import errno
 import fcntl
 import os
 import time
@@ -44,6 +45,7 @@ class DiskCache:
         self._full_until = 0.0
         self._touched: dict[str, float] = {}
         self._usable = limit >= BLOCK_BYTES
+        self._can_write = True
 
     def read(self, key: str, numbers: Sequence[int]) -> dict[int, bytes]:
         """Return those of some blocks that are there and sound.
@@ -64,6 +66,7 @@ class DiskCache:
             there = wanted[known[wanted - numbers[0]] != 0]
             if not len(there):
                 return {}
+            spoiled = []
             with self._open(key, _DATA, os.O_RDONLY) as data:
                 for run in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1):
                     first = int(run[0])
@@ -72,7 +75,10 @@ class DiskCache:
                         block = raw[at * BLOCK_BYTES : (at + 1) * BLOCK_BYTES]
                         if _sum(block) == known[first + at - numbers[0]]:
                             found[first + at] = block
+                        else:
+                            spoiled.append(first + at)
             self._touch(key)
+            self._forget(key, spoiled)
         return found
 
     def write(self, key: str, blocks: Mapping[int, bytes]) -> None:
@@ -84,12 +90,14 @@ class DiskCache:
         blocks : mapping of int to bytes
             All of them whole, but for an object's last.
         """
-        if not self._usable or not blocks or time.monotonic() < self._full_until:
+        if not self._usable or not self._can_write or not blocks:
+            return
+        if time.monotonic() < self._full_until:
             return
         try:
             self._write(key, blocks)
         except OSError:
-            self._usable = False  # a cache that cannot be written is no reason to stop
+            self._can_write = False  # a cache that cannot be written is no reason to stop
 
     def _write(self, key: str, blocks: Mapping[int, bytes]) -> None:
         self._path(key, _DATA).parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -102,9 +110,18 @@ class DiskCache:
             if not new or not self._admit(key, len(new) * BLOCK_BYTES + is_new * _PAGE_BYTES):
                 return
             for number in new:
-                os.pwrite(data, blocks[number], number * BLOCK_BYTES)
+                block = blocks[number]
+                if os.pwrite(data, block, number * BLOCK_BYTES) < len(block):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             for number in new:  # after the data: nobody believes in a block that is half there
                 os.pwrite(sums, _sum(blocks[number]).to_bytes(4, "little"), number * _SUM_BYTES)
+
+    def _forget(self, key: str, numbers: Sequence[int]) -> None:
+        """Take blocks for missing, so that they are written again."""
+        if numbers:
+            with self._open(key, _SUMS, os.O_WRONLY) as sums:
+                for number in numbers:
+                    os.pwrite(sums, bytes(_SUM_BYTES), number * _SUM_BYTES)
 
     def _path(self, key: str, suffix: str) -> Path:
         return self._folder / key[:2] / f"{key}{suffix}"
@@ -129,7 +146,9 @@ class DiskCache:
     def _admit(self, key: str, length: int) -> bool:
         """Count bytes that are to be written, if there is room for them or it can be made."""
         with self._open_total() as total:
-            used = int(os.pread(total, 32, 0) or b"0")
+            used = _number(os.pread(total, 32, 0))
+            if used is None:  # spoiled, such as by a power loss
+                used = sum(size for _, size, _ in self._objects())
             if used + length > self._limit:
                 used = self._make_room(key, length)
             fits = used + length <= self._limit
@@ -185,6 +204,11 @@ def _sums(descriptor: int, first: int, stop: int) -> np.ndarray:
     known = np.frombuffer(raw[: len(raw) // _SUM_BYTES * _SUM_BYTES], dtype="<u4")
     out[: len(known)] = known
     return out
+
+
+def _number(text: bytes) -> int | None:
+    text = text.strip()
+    return int(text or b"0") if not text or text.isdigit() else None
 
 
 def _sum(block: bytes) -> int:

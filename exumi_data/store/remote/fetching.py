@@ -11,12 +11,13 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import IO
 
 from exumi_data import errors
 from exumi_data.store.remote.address import Address
 from exumi_data.store.remote.requests import Answer, Request, perform
+from exumi_data.store.remote.threads import DaemonThreads
 
 __all__ = ["Fetcher", "Outcome", "perform_all", "serve"]
 
@@ -41,7 +42,7 @@ class Fetcher:
 
     def __init__(self) -> None:
         self.requests = 0
-        self._pool: ThreadPoolExecutor | None = None
+        self._threads: DaemonThreads | None = None
         self._helper: _Helper | None = None
         self._lock = threading.Lock()
 
@@ -53,18 +54,32 @@ class Fetcher:
             if _first_user is None:
                 _first_user = os.getpid()
             if _first_user != os.getpid():
-                self._helper = self._helper or _Helper()
-                return self._helper.fetch(requests)
-            if self._pool is None and len(requests) > 1:
-                self._pool = ThreadPoolExecutor(_PARALLEL, "exumi-remote")
-        return perform_all(requests, self._pool)
+                return self._through_helper(requests)
+            if self._threads is None:
+                self._threads = DaemonThreads(_PARALLEL, "exumi-remote")
+        return perform_all(requests, self._threads)
+
+    def _through_helper(self, requests: Sequence[Request]) -> list[Outcome]:
+        helper = self._helper = self._helper or _Helper()
+        try:
+            return helper.fetch(requests)
+        except BaseException:  # after Ctrl-C, the answers that are left would be taken for others
+            self._helper = None
+            helper.stop()
+            raise
 
 
-def perform_all(requests: Sequence[Request], pool: ThreadPoolExecutor | None) -> list[Outcome]:
-    """Send requests, several at a time where there is a pool."""
-    if pool is None or len(requests) == 1:
-        return [_outcome(request) for request in requests]
-    return list(pool.map(_outcome, requests))
+def perform_all(requests: Sequence[Request], threads: DaemonThreads) -> list[Outcome]:
+    """Send requests, several at a time.
+
+    Even one goes through a thread: obstore does not hear Ctrl-C while it waits for a server.
+    """
+    coming = [threads.submit(_outcome, request) for request in requests]
+    try:
+        return [future.result() for future in coming]
+    finally:
+        for future in coming:  # those that were not sent yet, where this was interrupted
+            future.cancel()
 
 
 def _outcome(request: Request) -> Outcome:
@@ -86,6 +101,12 @@ class _Helper:
             stdout=subprocess.PIPE,
             env={**os.environ, "PYTHONPATH": path},
         )
+
+    def stop(self) -> None:
+        """End it now."""
+        self._process.kill()
+        with suppress(OSError), self._process:  # which closes its pipes, and waits for its end
+            pass
 
     def fetch(self, requests: Sequence[Request]) -> list[Outcome]:
         """Send requests through the helper."""
@@ -117,13 +138,13 @@ def serve(requests: IO[bytes], answers: IO[bytes]) -> None:
     answers : binary file
         For each request lengths, a JSON list that says what became of it, and its data.
     """
-    pool = ThreadPoolExecutor(_PARALLEL)
+    threads = DaemonThreads(_PARALLEL, "exumi-remote")
     for line in requests:
         batch = [
             Request(kind, Address(root, key, query, user), start, length)
             for kind, root, key, query, user, start, length in json.loads(line)
         ]
-        for outcome in perform_all(batch, pool):
+        for outcome in perform_all(batch, threads):
             _send(answers, outcome)
         answers.flush()
 

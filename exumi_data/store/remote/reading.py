@@ -4,19 +4,21 @@ Blocks that are missing are fetched in few long requests, many at a time.
 """
 
 import os
+import secrets
 import threading
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
-from exumi_data.errors import ChangedDataError, UnreachableError, UsageError
+from exumi_data.errors import ChangedDataError, LimitError, UnreachableError, UsageError
 from exumi_data.store.remote.address import Address
 from exumi_data.store.remote.disk_cache import BLOCK_BYTES, DiskCache
 from exumi_data.store.remote.fetching import Fetcher, Outcome
 from exumi_data.store.remote.requests import Answer, Request
+from exumi_data.store.remote.threads import DaemonThreads
 
 __all__ = [
     "Identity",
@@ -34,10 +36,21 @@ _MEMORY_SHARE = 8  # of what the disk may keep
 _GAP_BLOCKS = (256 << 10) // BLOCK_BYTES  # what one request more would cost, in bytes
 _MOST_BLOCKS = (4 << 20) // BLOCK_BYTES  # of a request: longer ones are sent in parts, in parallel
 _AHEAD_BLOCKS = (1 << 20) // BLOCK_BYTES
+_LARGEST = 256 << 30  # of an object: what is noted of its blocks goes by its size
+_MOST_TOGETHER = (
+    256 << 20
+) // BLOCK_BYTES  # that are prefetched, however large objects claim to be
 
 
 class Identity(NamedTuple):
-    """What tells an object from one that took its name."""
+    """What tells an object from one that took its name.
+
+    Attributes
+    ----------
+    size : int
+    tag : str
+        Empty where the server sends neither an ETag nor when the object was last modified.
+    """
 
     size: int
     tag: str
@@ -71,10 +84,19 @@ class RemoteFile:
         ------
         ChangedDataError
             It was another one before.
+        LimitError
+            It has more than 256 GiB.
         """
         if self._identity is None:
+            if identity.size > _LARGEST:
+                raise LimitError(
+                    f"has {identity.size:,} bytes, it says; at most {_LARGEST:,} are read",
+                    where=self.address.shown,
+                )
             self._identity = identity
             name = f"{self.address.root}/{self.address.key}\n{identity.size}\n{identity.tag}"
+            # What cannot be told from another object is nothing that others may take for theirs.
+            name += "" if identity.tag else secrets.token_hex()
             self._key = sha256(name.encode()).hexdigest()[:40]
         elif self._identity != identity:
             raise ChangedDataError(
@@ -87,6 +109,11 @@ class RemoteFile:
     def is_known(self) -> bool:
         """Whether the server was asked, or somebody else told."""
         return self._identity is not None
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether its blocks may be kept on the disk: they can be told from another object's."""
+        return bool(self.identity.tag)
 
     @property
     def identity(self) -> Identity:
@@ -164,7 +191,7 @@ class Reader:
         self._disk = DiskCache(folder, cache_bytes)
         self._memory: OrderedDict[tuple[str, int], bytes] = OrderedDict()
         self._lock = threading.Lock()
-        self._later: ThreadPoolExecutor | None = None
+        self._later: DaemonThreads | None = None
 
     def one(self, request: Request) -> Answer:
         """Send one request. Raises what `perform` does."""
@@ -179,7 +206,8 @@ class Reader:
         Parameters
         ----------
         spans : iterable of Span
-            Of files that are known; no more than half of `memory_bytes` stays at hand for sure.
+            Of files that are known; no more than half of `memory_bytes` stays at hand for sure, and
+            what is beyond 256 MiB is left out.
         keep : bool
             Keep on the disk also what is in memory only.
 
@@ -191,7 +219,7 @@ class Reader:
         runs: list[_Run] = []
         for file, wanted in _wanted(spans):
             there = self._at_hand(file, wanted)
-            if keep:
+            if keep and file.is_kept:
                 self._disk.write(file.key, there)
             runs += _runs(file, [number for number in wanted if number not in there])
         return [found for found in self._fetch(runs) if isinstance(found, Exception)]
@@ -199,7 +227,7 @@ class Reader:
     def prefetch_later(self, spans: Iterable[Span]) -> Future[list[Exception]]:
         """Begin to `prefetch`, and go on meanwhile."""
         if self._later is None:
-            self._later = ThreadPoolExecutor(1, "exumi-ahead")
+            self._later = DaemonThreads(1, "exumi-ahead")
         return self._later.submit(self.prefetch, list(spans))
 
     def blocks(self, file: RemoteFile, first: int, stop: int, ahead: int) -> Mapping[int, bytes]:
@@ -261,7 +289,7 @@ class Reader:
                     self._memory.move_to_end((file.key, number))
                     found[number] = block
         missing = [number for number in numbers if number not in found]
-        if missing:
+        if missing and file.is_kept:
             read = self._disk.read(file.key, missing)
             self._remember(file, read)
             found |= read
@@ -291,7 +319,8 @@ class Reader:
                     for at in range(0, len(data), BLOCK_BYTES)
                 }
                 self._remember(run.file, blocks)
-                self._disk.write(run.file.key, blocks)
+                if run.file.is_kept:
+                    self._disk.write(run.file.key, blocks)
                 yield blocks
 
 
@@ -316,10 +345,15 @@ def bytes_of(spans: Iterable[Span]) -> int:
 def _wanted(spans: Iterable[Span]) -> list[tuple[RemoteFile, list[int]]]:
     """Return the blocks that spans lie in, ascending, by file."""
     found: dict[str, tuple[RemoteFile, set[int]]] = {}
+    room = _MOST_TOGETHER
     for file, start, stop in spans:
-        if stop > start:
+        first, end = start // BLOCK_BYTES, -(-stop // BLOCK_BYTES)
+        end = min(end, first + room)
+        if stop > start and end > first:
             _, numbers = found.setdefault(file.key, (file, set()))
-            numbers.update(range(start // BLOCK_BYTES, (stop - 1) // BLOCK_BYTES + 1))
+            room += len(numbers)
+            numbers.update(range(first, end))
+            room -= len(numbers)
     return [(file, sorted(numbers)) for file, numbers in found.values()]
 
 

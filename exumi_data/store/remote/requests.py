@@ -70,6 +70,7 @@ class Answer(NamedTuple):
         Of the whole object.
     tag : str
         Its ETag, or where there is none when it was last modified: another object has another one.
+        Empty where the server says neither.
     """
 
     data: bytes
@@ -113,7 +114,7 @@ def _store(root: str, query: str, user: str) -> "ObjectStore":
     """Return the store of a bucket or host; obstore keeps its connections."""
     try:
         from obstore.exceptions import BaseError
-        from obstore.store import from_url
+        from obstore.store import HTTPStore, from_url
     except ImportError:
         raise MissingExtraError(
             "URLs are read with the package obstore, which is not installed",
@@ -140,7 +141,9 @@ def _store(root: str, query: str, user: str) -> "ObjectStore":
         "retry_timeout": timedelta(seconds=_RETRY_S),
         "backoff": backoff,
     }
-    make: Any = from_url  # its overloads are by the kind of URL, which is not known here
+    # `from_url` would take a signed URL of Amazon's for a bucket, and ask for credentials.
+    # Its overloads are by the kind of URL, which is not known here.
+    make: Any = HTTPStore.from_url if root.startswith("http") else from_url
     try:
         store: ObjectStore = make(
             f"{root}?{query}" if query else root,
@@ -189,7 +192,9 @@ def _tail_by_size(store: "ObjectStore", request: Request) -> Answer:
 
 
 def _tag(meta: Any) -> str:
-    return str(meta["e_tag"] or meta["last_modified"].isoformat())
+    # Where the server does not say when, obstore says 1970.
+    known = meta["e_tag"] or (meta["last_modified"].timestamp() and meta["last_modified"])
+    return str(known or "")
 
 
 def _list(store: "ObjectStore", address: Address) -> Answer:

@@ -375,7 +375,8 @@ def open_remotes(
     new = [store for store in packed if not store.file.is_known]
     for store, outcome in zip(new, reader().fetcher.fetch([s.tail() for s in new]), strict=True):
         if isinstance(outcome, Answer):
-            store.learn(outcome)
+            with suppress(LimitError):  # said when read
+                store.learn(outcome)
         elif isinstance(outcome, UnreachableError):
             raise outcome
     told = {store: store.file.identity.size for store in packed if store not in new}
@@ -384,7 +385,8 @@ def open_remotes(
     )
     spans: list[Span] = []
     for opened in stores:
-        with suppress(DamagedDataError, NotAnEpisodeError, FileNotFoundError):  # said when read
+        # Said when it is read:
+        with suppress(DamagedDataError, LimitError, NotAnEpisodeError, FileNotFoundError):
             spans += opened.head()
     reader().prefetch(spans, keep=True)
     return stores

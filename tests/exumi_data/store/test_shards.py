@@ -430,6 +430,16 @@ def test_a_hostile_index_is_refused(tmp_path: Path, zstd: bool, change: Any, mes
         fast(tmp_path).read()
 
 
+def test_a_compressed_chunk_of_any_length_is_not_read(tmp_path: Path) -> None:
+    write(tmp_path / "a", values_of("int64", (16,)), shard_bytes=128, zstd=True)
+    file = shard_files(tmp_path / "a")[0]
+    index = index_of(file, 4)
+    index[0] = 0, 70_000
+    file.write_bytes(with_index(bytes(80_000), index))
+    with pytest.raises(DamagedDataError, match="longer compressed than it can be"):
+        fast(tmp_path).read()
+
+
 def test_chunks_that_share_bytes_cannot_multiply_a_file(tmp_path: Path) -> None:
     write(tmp_path / "a", np.zeros(16), shard_bytes=128, chunk_rows=4)
     (file,) = shard_files(tmp_path / "a")

@@ -1,16 +1,25 @@
 """Web servers: good ones are read by ranges; of others it is said what is wrong with them."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
+import obstore
 import pytest
 
 import exumi_data
-from exumi_data.errors import ChangedDataError, NotAnEpisodeError, UnreachableError
-from exumi_data.store.remote import reading
+from exumi_data.errors import ChangedDataError, LimitError, NotAnEpisodeError, UnreachableError
+from exumi_data.store.remote import fetching, reading, requests
+from exumi_data.store.remote.address import Address
 from exumi_data.store.remote.download import download
-from tests.servers import Web
+from exumi_data.store.remote.reading import Identity, RemoteFile, Span
+from exumi_data.store.remote.requests import Answer, Request
+from tests.servers import Web, web
 
 
 def frames_of(source: str | Path) -> np.ndarray:
@@ -108,6 +117,92 @@ def test_a_server_without_tags(site: Web, folders: Path) -> None:
     np.testing.assert_array_equal(
         frames_of(f"{site.url}/whole.zarr.zip"), frames_of(folders / "whole.zarr.zip")
     )
+
+
+def test_nothing_is_kept_of_what_has_no_version(folders: Path, tmp_path: Path) -> None:
+    file = tmp_path / "a.zarr.zip"
+    file.write_bytes((folders / "whole.zarr.zip").read_bytes())
+    cache = Path(os.environ["EXUMI_CACHE"])
+    with web(tmp_path) as site:
+        site.mode = "no_version"
+        url = f"{site.url}/a.zarr.zip"
+        frames_of(url)
+        assert not list(cache.rglob("*.blocks"))
+        opened = RemoteFile(Address.parse(url))
+        before = opened.read(0, 4)
+        file.write_bytes(b"else" + file.read_bytes()[4:])
+        assert opened.read(0, 4) == before
+        assert RemoteFile(Address.parse(url)).read(0, 4) == b"else"
+
+
+def test_what_objects_claim_to_hold_costs_no_memory() -> None:
+    address = Address.parse("https://host/a.zarr.zip")
+    with pytest.raises(LimitError, match="has 1,152,921,504,606,846,976 bytes, it says"):
+        RemoteFile(address, Identity(1 << 60, "one"))
+    file = RemoteFile(address, Identity(200 << 30, "one"))
+    tracemalloc.start()
+    try:
+        claimed = [Span(file, at << 30, (at + 9) << 30) for at in range(100)]
+        assert reading.bytes_of(claimed) == 256 << 20
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 16 << 20
+
+
+@pytest.mark.parametrize(
+    "host", ["bucket.s3.us-east-1.amazonaws.com", "s3.amazonaws.com", "me.blob.core.windows.net"]
+)
+def test_a_signed_url_needs_no_credentials(host: str) -> None:
+    store = requests._store(f"https://{host}", "X-Amz-Signature=SECRET", "")
+    assert isinstance(store, obstore.store.HTTPStore)
+
+
+def test_ctrl_c_is_heard_while_a_server_is_silent(site: Web) -> None:
+    site.mode = "silent"
+    program = "import signal, sys, exumi_data; "
+    program += "signal.signal(signal.SIGINT, signal.default_int_handler); "
+    program += "exumi_data.open(sys.argv[1])"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, f"{site.url}/whole.zarr.zip"],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        while not site.log and process.poll() is None:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=10)
+    finally:
+        process.kill()
+    assert said.rstrip().endswith("KeyboardInterrupt")
+
+
+def test_after_ctrl_c_a_forked_process_gets_the_answers_to_its_own_questions(
+    site: Web, folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fetching, "_first_user", os.getpid() + 1)  # as a fork finds it
+    data = (folders / "whole.zarr.zip").read_bytes()
+    address = Address.parse(f"{site.url}/whole.zarr.zip")
+    fetcher = fetching.Fetcher()
+    (outcome,) = fetcher.fetch([Request("range", address, 0, 10)])
+    assert isinstance(outcome, Answer)
+    assert outcome.data == data[:10]
+    site.mode = "slow"
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.3)
+        with pytest.raises(KeyboardInterrupt):
+            fetcher.fetch([Request("range", address, 10, 10)])
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    site.mode = ""
+    (outcome,) = fetcher.fetch([Request("range", address, 20, 10)])
+    assert isinstance(outcome, Answer)
+    assert outcome.data == data[20:30]
+    assert fetcher._helper is not None
+    fetcher._helper.stop()
 
 
 def test_a_file_that_changes(site: Web, monkeypatch: pytest.MonkeyPatch) -> None:
