@@ -67,7 +67,7 @@ def test_frames_and_times_are_those_that_the_clip_decodes_to(octopi: Path, run: 
     stream = by_key(dataset)["egg_1.mov"]["tactile"]
     with av.open(str(octopi / "egg_1.mov")) as container:
         frames = list(container.decode(video=0))
-    expected = np.stack([frame.to_ndarray(format="rgb24") for frame in frames])
+    expected = np.stack([FramePixels().rgb(frame) for frame in frames])
     assert np.array_equal(stream.frames[:], expected)
     backwards = np.arange(len(frames))[::-1]
     assert np.array_equal(stream.frames[backwards], expected[backwards])
