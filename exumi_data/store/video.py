@@ -47,7 +47,7 @@ _EXTENSIONS = {
 _FULL_RANGE_FORMATS = frozenset(("yuvj420p", "yuvj422p", "yuvj444p", "gray"))
 _PLANAR = _FULL_RANGE_FORMATS | {"yuv420p", "yuv422p", "yuv444p"}
 _FULL_RANGE = 2  # AVCOL_RANGE_JPEG
-_BT601 = frozenset((2, 5, 6))  # AVCOL_SPC_*; unspecified, the first, is taken for BT.601 by FFmpeg
+_BT601 = frozenset((2, 5, 6))  # AVCOL_SPC_*; FFmpeg takes unspecified, the first, for BT.601
 # FFmpeg's quick way to RGB cuts off where it should round: its grey is 1.3 levels below the luma,
 # of which activity and what models see (7 times the difference from the reference) are made.
 _ROUNDED = Interpolation.BILINEAR | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT

@@ -17,6 +17,7 @@ from exumi_data.dataset import Dataset
 from exumi_data.episode import Episode
 from exumi_data.errors import SourceError, UsageError
 from exumi_data.model import EncodedImages, TactileStream
+from exumi_data.store.video import FramePixels
 from exumi_data.tactile import (
     ActivityMeter,
     choose_reference,

@@ -40,7 +40,9 @@ def test_grey_is_that_of_rgb(pixel_format: str, colorspace: int, size: tuple[int
 def test_rgb_is_what_the_gel_was(pixel_format: str) -> None:
     pixels = FramePixels()
     rgb = pixels.rgb(gel(pixel_format, BT601)).astype(int)
-    assert np.abs((rgb - gel_rgb()).mean(axis=(0, 1))).max() < 1.5  # another matrix, order or range: tens
+    assert (
+        np.abs((rgb - gel_rgb()).mean(axis=(0, 1))).max() < 1.5
+    )  # another matrix, order or range: tens
 
 
 def gel_rgb() -> np.ndarray:
