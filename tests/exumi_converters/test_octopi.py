@@ -17,6 +17,7 @@ from exumi_data.dataset import Dataset
 from exumi_data.episode import Episode
 from exumi_data.errors import SourceError, UsageError
 from exumi_data.model import EncodedImages, TactileStream
+from exumi_data.store.video import FramePixels
 from exumi_data.tactile import (
     ActivityMeter,
     choose_reference,
@@ -67,7 +68,7 @@ def test_frames_and_times_are_those_that_the_clip_decodes_to(octopi: Path, run: 
     stream = by_key(dataset)["egg_1.mov"]["tactile"]
     with av.open(str(octopi / "egg_1.mov")) as container:
         frames = list(container.decode(video=0))
-    expected = np.stack([frame.to_ndarray(format="rgb24") for frame in frames])
+    expected = np.stack([FramePixels().rgb(frame) for frame in frames])
     assert np.array_equal(stream.frames[:], expected)
     backwards = np.arange(len(frames))[::-1]
     assert np.array_equal(stream.frames[backwards], expected[backwards])

@@ -37,6 +37,9 @@ def content(material: Material) -> Html:
         charts.append(_lengths(durations))
         if len(material.groups) > 1:
             charts.append(_by_group(material))
+    if not charts:
+        alone = "There is nothing to tell apart: the overview says it all."
+        charts.append(card("Nothing to compare", alone))
     lead = "What was done and touched, how often, and how long episodes are."
     return section("content", "What it holds", lead, cards(*charts))
 

@@ -149,6 +149,7 @@ def test_a_page_of_one_episode(touched: Dataset) -> None:
     text = Outline(page_of(episode, measure(episode), judgement=GOOD)).text
     assert "One play episode of 1 object, 700.0 ms" in text
     assert "time (s)" in text
+    assert "nothing to tell apart" in text  # rather than a heading with nothing below
 
 
 def test_an_empty_dataset(touched: Dataset) -> None:
