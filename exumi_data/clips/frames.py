@@ -47,7 +47,7 @@ def clip_frames(
             if before is not None and time - before < apart_ns:
                 continue
             before = time
-            yield time, pixels.grey(frame)
+            yield time, pixels.luma(frame)
 
 
 def fitting(camera: Intrinsics, width: int, height: int, where: object) -> Intrinsics:

@@ -65,12 +65,14 @@ class FramePixels:
         self._reformatter = VideoReformatter()
 
     def rgb(self, frame: VideoFrame) -> np.ndarray:
-        """Return (H, W, 3) uint8 RGB, rounded: its grey is the luma, to a level at each pixel."""
+        """Return (H, W, 3) uint8 RGB, of which `to_grey` makes what `grey` gives, to a level."""
         if _is_common(frame):  # rounded as well, in a seventh of the time
             planes = frame.to_ndarray()
             return np.asarray(cv2.cvtColor(planes, cv2.COLOR_YUV2RGB_I420), np.uint8)
+        # Where grey is made of RGB, it does not matter how that is rounded.
+        way = _ROUNDED if frame.colorspace in _BT601 else None
         return self._reformatter.reformat(
-            frame, format="rgb24", threads=1, interpolation=_ROUNDED
+            frame, format="rgb24", threads=1, interpolation=way
         ).to_ndarray()
 
     def grey(self, frame: VideoFrame) -> np.ndarray:
@@ -81,6 +83,10 @@ class FramePixels:
         """
         if frame.colorspace not in _BT601 and not is_grey(frame.format.name):
             return np.asarray(cv2.cvtColor(self.rgb(frame), cv2.COLOR_RGB2GRAY), np.uint8)
+        return self.luma(frame)
+
+    def luma(self, frame: VideoFrame) -> np.ndarray:
+        """Return (H, W) uint8, the frame's own Y in full range: for what is looked for in it."""
         if frame.format.name in _PLANAR:
             luma, is_full_range = self.stored_luma(frame)
             if is_full_range:
