@@ -20,7 +20,8 @@ DATASET_FORMAT = "exumi-dataset"
 
 SPLIT_NAME = r"^[a-z0-9][a-z0-9_-]*$"
 
-_NUMBER = "(0|[1-9][0-9]{0,8})"
+# Bounded, in a form that needs no braces: messages show it.
+_NUMBER = "(0|[1-9][0-9]?[0-9]?[0-9]?[0-9]?[0-9]?)"
 DatasetVersion = Annotated[
     str,
     StringConstraints(pattern=rf"^{_NUMBER}\.{_NUMBER}\.{_NUMBER}$"),

@@ -191,12 +191,15 @@ def test_a_server_that_fails_is_no_damage(
         windows.__getitems__([3, 90])
 
 
+_TOUCH = "streams/tactile/data/c/0"  # frames end to end
+
+
 def test_damage_is_damage_on_a_server_too(places: Path, tmp_path: Path) -> None:
     shutil.copytree(places / "packed", tmp_path / "spoiled")
     found = sorted(tmp_path.glob("spoiled/episodes/*/*.zip"))
-    opened = next(one for one in map(open_episode, found) if "tactile" in one)
+    opened = next(one for one in map(open_episode, found) if _TOUCH in one.store.paths())
     path = Path(opened.store.location)
-    start, size = opened.store._locate("streams/tactile/data/c/0")  # type: ignore[attr-defined]  # of a zip
+    start, size = opened.store._locate(_TOUCH)  # type: ignore[attr-defined]  # of a zip
     raw = bytearray(path.read_bytes())
     raw[start + size // 2] ^= 255
     path.write_bytes(raw)
