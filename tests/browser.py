@@ -55,7 +55,7 @@ def chromium_path() -> str:
             return found
     if os.environ.get("EXUMI_REQUIRE_BROWSER"):
         pytest.fail("EXUMI_REQUIRE_BROWSER is set, and there is no Chromium")
-    pytest.skip("there is no Chromium")
+    pytest.skip("there is no Chromium (Debian: apt-get install chromium)")
 
 
 class Browser:

@@ -2,13 +2,13 @@
 
 import json
 import os
-import shutil
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import pytest
+
+from tests.examples.installing import installed, run_its_tests
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "extension_thermal"
 
@@ -16,23 +16,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "extension_thermal"
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """An environment in which the built package is installed, in a folder of its own."""
-    folder = tmp_path_factory.mktemp("thermal")
-    shutil.copytree(EXAMPLE, folder / "source")  # building writes into the source
-    command = [
-        sys.executable,
-        "-m",
-        "build",
-        "--wheel",
-        "--no-isolation",
-        "--skip-dependency-check",
-    ]
-    subprocess.run([*command, str(folder / "source")], check=True, capture_output=True, timeout=200)
-    (wheel,) = (folder / "source" / "dist").glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(folder / "installed")
-    known = os.environ.get("PYTHONPATH", "")
-    path = os.pathsep.join(filter(None, (str(folder / "installed"), known)))
-    return {**os.environ, "PYTHONPATH": path}
+    return installed(EXAMPLE, tmp_path_factory.mktemp("thermal"))
 
 
 def run(environment: dict[str, str], *command: object) -> subprocess.CompletedProcess[str]:
@@ -47,12 +31,7 @@ def run(environment: dict[str, str], *command: object) -> subprocess.CompletedPr
 
 
 def test_its_tests_pass(environment: dict[str, str], tmp_path: Path) -> None:
-    # Folders of its own: pytest otherwise tidies up what other runs left.
-    folders = ("--rootdir", tmp_path, "--basetemp", tmp_path / "made")
-    options = ("-q", "-p", "no:cacheprovider", "-W", "error", *folders)
-    done = run(environment, "-m", "pytest", *options, EXAMPLE / "tests")
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "6 passed" in done.stdout
+    assert "6 passed" in run_its_tests(EXAMPLE, environment, tmp_path)
 
 
 def test_what_it_writes_is_validated_with_it_and_without(

@@ -1,11 +1,8 @@
 """The example of a driver is built, installed, and keeps its own tests."""
 
-import os
-import shutil
-import subprocess
-import sys
-import zipfile
 from pathlib import Path
+
+from tests.examples.installing import installed, run_its_tests
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "force_torque_driver"
 
@@ -16,30 +13,4 @@ def test_it_is_short() -> None:
 
 
 def test_its_tests_pass_where_it_is_installed(tmp_path: Path) -> None:
-    shutil.copytree(EXAMPLE, tmp_path / "source")  # building writes into the source
-    build = ("-m", "build", "--wheel", "--no-isolation", "--skip-dependency-check")
-    subprocess.run(
-        [sys.executable, *build, str(tmp_path / "source")],
-        check=True,
-        capture_output=True,
-        timeout=200,
-    )
-    (wheel,) = (tmp_path / "source" / "dist").glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(tmp_path / "installed")
-    path = os.pathsep.join(
-        filter(None, (str(tmp_path / "installed"), os.environ.get("PYTHONPATH")))
-    )
-    # Folders of its own: pytest otherwise tidies up what other runs left.
-    folders = ("--rootdir", str(tmp_path), "--basetemp", str(tmp_path / "made"))
-    options = ("-q", "-p", "no:cacheprovider", "-W", "error", *folders)
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", *options, str(EXAMPLE / "tests")],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        timeout=200,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "3 passed" in done.stdout
+    assert "3 passed" in run_its_tests(EXAMPLE, installed(EXAMPLE, tmp_path), tmp_path)
