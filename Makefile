@@ -28,12 +28,16 @@ demo: setup  ## a simulated gripper plays: recorded live, validated, prepared, l
 
 # Thousands of small files, each made safe against a power loss: in memory, where there is plenty of
 # it, that takes a quarter less time. What failed stays there to be looked at.
-test: setup  ## the tests
-	@free=$$(df -Pk /dev/shm 2>/dev/null | awk 'NR == 2 {print $$4}'); \
-	if [ "$${free:-0}" -gt 8000000 ]; then folder=$$(mktemp -d /dev/shm/exumi-XXXXXX); \
-	else folder=$$(mktemp -d); fi; \
-	echo $(BIN)/python -m pytest $(PYTEST_ARGS) --basetemp=$$folder; \
-	$(BIN)/python -m pytest $(PYTEST_ARGS) --basetemp=$$folder && rm -rf $$folder
+define run_pytest
+@free=$$(df -Pk /dev/shm 2>/dev/null | awk 'NR == 2 {print $$4}'); \
+if [ "$${free:-0}" -gt 8000000 ]; then folder=$$(mktemp -d /dev/shm/exumi-XXXXXX); \
+else folder=$$(mktemp -d); fi; \
+echo $(BIN)/python -m pytest $(PYTEST_ARGS) --basetemp=$$folder $(1); \
+$(BIN)/python -m pytest $(PYTEST_ARGS) --basetemp=$$folder $(1) && rm -rf $$folder
+endef
+
+test: setup  ## the tests; those of the documentation are made by `make docs`
+	$(call run_pytest,--ignore=tests/docs)
 
 lint: setup  ## style and the import contract
 	$(BIN)/ruff check .
@@ -43,8 +47,10 @@ lint: setup  ## style and the import contract
 types: setup  ## mypy, strict
 	$(BIN)/mypy
 
-docs: setup  ## the documentation as a site, in site/; warnings are errors
+docs: export EXUMI_SITE := $(CURDIR)/site
+docs: setup  ## the documentation: a site, in site/, and its tests, which run every code block
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(call run_pytest,tests/docs)
 
 wheel-check: setup  ## sdist, wheel from it, fresh environment, import everything
 	$(BIN)/python scripts/check_wheel.py

@@ -20,7 +20,7 @@ import numpy as np
 
 import exumi_data
 from exumi_data.demo import TouchSettings, write_touch_dataset
-from exumi_data.errors import ExumiError
+from exumi_data.errors import ExumiError, UsageError
 from exumi_loaders import (
     Clip,
     Clips,
@@ -97,7 +97,10 @@ def play(arguments: argparse.Namespace, work: Path, *, quiet: bool) -> dict[str,
         "game": tell_game(game, table, encoded, index, say),
         "sorting": tell_sorting(game, table, encoded, index, say),
     }
-    counted = count_all(table, encoded, parts, arguments, encoder.whitening)
+    try:
+        counted = count_all(table, encoded, parts, arguments, encoder.whitening)
+    except UsageError as error:  # one game can be told of five parts; counting takes more
+        sys.exit(f"error: one game can be told of these parts, but not counted: {error}")
     for line in lines_of(counted):
         say(line)
     about = {"dataset": dataset.metadata.name, "clips": len(table), "parts": len(set(parts))}

@@ -3,12 +3,15 @@
 A tactile VAE, and a diffusion transformer over its latents that is given the history of touch
 (some of its frames hidden), actions and an image. On a CPU in minutes::
 
-    python examples/train_tpp.py DATASET --small [--steps 400] [--mask action] [--save FILE]
+    exumi demo --direct --out play --seconds 120
+    exumi prepare play/dataset training --size 64 --gray
+    python examples/train_tpp.py training --small [--steps 400] [--mask action] [--save FILE]
 
 Without ``--small`` the model is of a size for a GPU. `examples/tpp` holds its parts.
 """
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +22,7 @@ from tpp.predictor import Losses, Sizes
 from tpp.training import make_predictor, train
 
 import exumi_data
+from exumi_data.errors import ExumiError
 from exumi_loaders import TPPWindows
 from exumi_loaders.masks import MASKS, Mask
 
@@ -55,7 +59,10 @@ def main() -> None:
         )
         return Samples(windows, sizes.side, device)
 
-    training, held_out = samples("train", arguments.mask), samples("val", arguments.mask)
+    try:
+        training, held_out = samples("train", arguments.mask), samples("val", arguments.mask)
+    except ExumiError as error:
+        sys.exit(f"error: {error}\nA quarter of the episodes is held out: there may be too few.")
     print(training.windows, f"- {training.windows.active.mean():.0%} of them active")
     model = make_predictor(sizes, samples("train", "none"), arguments.seed).to(device)
 

@@ -1,9 +1,9 @@
 """Let another thread make items while the ones before are worked on."""
 
-import queue
 import threading
 from collections.abc import Generator, Iterable
 from contextlib import suppress
+from queue import Empty, SimpleQueue
 from typing import TypeVar
 
 __all__ = ["ahead"]
@@ -22,13 +22,18 @@ def ahead(items: Iterable[T], most: int = 2) -> Generator[T, None, None]:
     most : int
         How many may wait.
     """
-    waiting: queue.Queue[tuple[bool, T | BaseException | None]] = queue.Queue(most)
+    # Simple ones: a signal in the midst of a `queue.Queue` leaves its lock to nobody, for ever.
+    waiting: SimpleQueue[tuple[bool, T | BaseException | None]] = SimpleQueue()
+    room: SimpleQueue[None] = SimpleQueue()
+    for _ in range(most):
+        room.put(None)
     stop = threading.Event()
 
     def put(entry: tuple[bool, T | BaseException | None]) -> None:
         while not stop.is_set():
-            with suppress(queue.Full):
-                waiting.put(entry, timeout=_WAIT_S)
+            with suppress(Empty):
+                room.get(timeout=_WAIT_S)
+                waiting.put(entry)
                 return
 
     def make() -> None:
@@ -46,6 +51,7 @@ def ahead(items: Iterable[T], most: int = 2) -> Generator[T, None, None]:
     try:
         while True:
             there, item = waiting.get()
+            room.put(None)
             if there:
                 yield item  # type: ignore[misc]  # an item, then
             elif isinstance(item, BaseException):

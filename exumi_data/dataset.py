@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import DamagedDataError, NotAnEpisodeError, UsageError
+from exumi_data.lazy import unlocked
 from exumi_data.model.dataset import DatasetMetadata, SplitDocument
 from exumi_data.model.documents import MAX_DOCUMENT_BYTES, dump, parse_dataset, parse_split
 from exumi_data.redaction import without_secrets
@@ -29,6 +30,7 @@ class CatalogWarning(UserWarning):
     """The catalog is missing or stale and was built in memory."""
 
 
+@unlocked
 class Dataset:
     """A dataset, or a selection of its episodes, opened for reading.
 

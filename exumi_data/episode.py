@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exumi_data.errors import DamagedDataError, NotAnEpisodeError, UsageError
+from exumi_data.lazy import unlocked
 from exumi_data.model.documents import parse_derived, parse_episode
 from exumi_data.model.episode import DerivedMetadata, EpisodeMetadata
 from exumi_data.model.images import EncodedImages, VideoImages
@@ -26,6 +27,7 @@ CALIBRATION_PATH = re.compile(r"calibration(/[a-z][a-z0-9_]*)+")
 """Paths of arrays that are too big for JSON."""
 
 
+@unlocked
 class StreamView:
     """One stream of an episode.
 
@@ -302,6 +304,7 @@ class StreamView:
         return self._episode.derived_array(f"{self.name}/salient")
 
 
+@unlocked
 class Episode:
     """An episode: a folder or a packed zip, opened for reading. Reading never writes.
 

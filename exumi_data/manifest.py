@@ -9,7 +9,7 @@ from pathlib import Path
 
 from exumi_data.catalog import list_episodes
 from exumi_data.errors import DamagedDataError, UsageError
-from exumi_data.model.documents import dump, parse_episode, parse_manifest
+from exumi_data.model.documents import MAX_DOCUMENT_BYTES, dump, parse_episode, parse_manifest
 from exumi_data.model.manifest import Manifest, ManifestEpisode, ManifestFile
 from exumi_data.store.access import open_store
 from exumi_data.store.digest import digest_of
@@ -21,6 +21,7 @@ __all__ = [
     "MANIFEST_NAME",
     "Listed",
     "build_manifest",
+    "check_listable",
     "is_listed",
     "list_files",
     "sha256_of",
@@ -29,6 +30,7 @@ __all__ = [
 
 MANIFEST_NAME = "manifest.json"
 _DEEPEST = 64
+_EPISODE_BYTES = 389  # of a packed episode that has a thousand bytes or more: file, and episode
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,29 @@ class Listed:
 
     file: ManifestFile
     episode: ManifestEpisode
+
+
+def check_listable(episodes: int, where: object) -> None:
+    """Refuse more packed episodes than a manifest can list, before they are packed.
+
+    Parameters
+    ----------
+    episodes : int
+    where : object
+        The dataset, named in the error.
+
+    Raises
+    ------
+    UsageError
+        The manifest would be larger than a document may be.
+    """
+    most = MAX_DOCUMENT_BYTES // _EPISODE_BYTES
+    if episodes > most:
+        raise UsageError(
+            f"has {episodes:,} episodes; a manifest lists {most:,} at most",
+            where=where,
+            fix="Release it in parts, each made with: exumi dataset select",
+        )
 
 
 def is_listed(path: str) -> bool:

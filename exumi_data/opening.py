@@ -5,10 +5,10 @@ from pathlib import Path
 
 from exumi_data.dataset import DATASET_DOCUMENT, Dataset, open_dataset
 from exumi_data.episode import Episode, open_episode
-from exumi_data.errors import NotAnEpisodeError
+from exumi_data.errors import NotAnEpisodeError, UsageError
 from exumi_data.store.remote.address import is_url
 
-__all__ = ["not_an_episode", "open"]
+__all__ = ["check_outside", "not_an_episode", "open"]
 
 
 def open(path: str | os.PathLike[str]) -> Dataset | Episode:  # as in tarfile.open
@@ -99,6 +99,27 @@ def not_an_episode(path: str) -> NotAnEpisodeError:
         what = f"a part of {'an episode' if around.suffix == '.zarr' else 'a dataset'}"
         fix = f"Give all of it: {around}"
     return NotAnEpisodeError(what, where=path, fix=fix)
+
+
+def check_outside(file: Path) -> None:
+    """Refuse to write a file that is no part of the data into a dataset or an episode.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        Which is to be written.
+
+    Raises
+    ------
+    UsageError
+        It lies in one.
+    """
+    if _around(file.resolve()) is not None:
+        raise UsageError(
+            "lies inside the data, which would no longer be what it was",
+            where=file,
+            fix="Name a file outside of it.",
+        )
 
 
 def _around(path: Path) -> Path | None:

@@ -4,7 +4,7 @@ import re
 
 __all__ = ["without_secrets"]
 
-_USER = re.compile(r"(\b[a-z][a-z0-9+.-]*://)[^/\s?#@]*@", re.IGNORECASE)
+_USER = re.compile(r"(\b[a-z][a-z0-9+.-]*://)[^/\s?#]*@", re.IGNORECASE)
 _QUERY = re.compile(r"(\bhttps?://[^\s?#'\"<>]*)\?[^\s'\"<>]*", re.IGNORECASE)
 
 

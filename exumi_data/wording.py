@@ -1,8 +1,20 @@
-"""Sizes and durations, written for people: the same in the terminal and on pages."""
+"""Counts, sizes and durations, written for people: the same in the terminal and on pages."""
 
-__all__ = ["size_text", "time_text"]
+__all__ = ["counted", "size_text", "time_text"]
 
 _STEP = 1024
+
+
+def counted(number: int, what: str) -> str:
+    """Write a number of things: ``1 episode``, ``2,000 episodes``.
+
+    Parameters
+    ----------
+    number : int
+    what : str
+        The thing; an s makes it several.
+    """
+    return f"{number:,} {what}" if number == 1 else f"{number:,} {what}s"
 
 
 def size_text(size: float) -> str:

@@ -2,6 +2,7 @@
 
 import base64
 import re
+import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -109,6 +110,9 @@ class Web(ThreadingHTTPServer):
         """Say nothing: clients that hang up are what is tested."""
 
 
+_REFUSALS = {"denied": 403, "circle": 302, "down": 503}
+
+
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     server: Web
@@ -125,10 +129,13 @@ class _Handler(BaseHTTPRequestHandler):
         wanted = f"Basic {base64.b64encode(server.user.encode()).decode()}"
         if server.user and self.headers.get("Authorization") != wanted:
             return self._send(401, b"who are you?")
-        if server.mode == "denied" or parts.query != server.query:
-            return self._send(403, b"no")
-        if server.mode == "down":
-            return self._send(503, b"later")
+        refused = _REFUSALS.get("denied" if parts.query != server.query else server.mode)
+        if refused is not None:
+            return self._send(refused, b"no", {"Location": self.path})
+        if server.mode == "hang_up":
+            self.close_connection = True
+            self.connection.shutdown(socket.SHUT_RDWR)
+            return None
         if server.mode == "slow":
             time.sleep(1.5)
         if server.mode == "silent":
@@ -141,9 +148,13 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send_part(self, data: bytes, tag: str) -> None:
         mode, asked = self.server.mode, self.headers.get("Range")
+        if mode == "no_ends" and (asked or "").startswith("bytes=-"):
+            return self._send(400, b"bytes from where?")
         headers = {} if mode in ("no_tag", "no_version") else {"ETag": f'"{tag}"'}
         if mode == "no_tag":
             headers["Last-Modified"] = "Sun, 22 Nov 2026 10:00:00 GMT"
+        if mode == "compressed":
+            headers["Content-Encoding"] = "gzip"
         if asked is None or mode == "no_ranges":
             return self._send(200, data, headers)
         found = re.fullmatch(r"bytes=(\d*)-(\d*)", asked)

@@ -32,6 +32,7 @@ _CLASSES = {
 _SPLITS = {"split_octopi1": "octopi1", "split_octopi15": "octopi15"}
 _TEXT = ("object", "part", "name")
 _KNOWN = ("part_id", *_TEXT, *_NUMBERS, *_CLASSES, "adjectives", *_SPLITS)
+# PhysiCLeAR's own, and nobody else's: its parts are named in Octopi's published splits.
 _RATING_ORIGIN = "mean of about three raters"
 _MOST_BYTES = 1 << 20  # of a data.json
 _FIX = "Mend the table, or leave out --labels."
@@ -147,11 +148,13 @@ def _entry(row: dict[str, str], path: Path, where: str) -> PartLabels:
     if not part_id:
         raise UsageError("the row has no part id", where=where, fix=_FIX)
     words = {name: row.get(name) or None for name in _TEXT}
+    published = any(row.get(column) for column in _SPLITS)
+    origin = f"{path.name}: {_RATING_ORIGIN}" if published else path.name
     labels = []
     for column, name in _NUMBERS.items():
         if row.get(column):
             value = _rating(row[column], column, where)
-            labels.append(_rating_label(name, value, f"{path.name}: {_RATING_ORIGIN}"))
+            labels.append(_rating_label(name, value, origin))
     for column, name in _CLASSES.items():
         if row.get(column):
             labels.append(_label(name, row[column], path.name))
@@ -227,15 +230,15 @@ def read_sample_document(path: Path) -> SampleDocument:
     properties = document.get("properties") or {}
     if not isinstance(properties, dict):
         raise SourceError("`properties` is no JSON object", where=path)
+    object_id: str = document["object_id"]
+    published = object_id.startswith("physiclear_")
+    origin = f"data.json: {_RATING_ORIGIN}" if published else "data.json"
     labels = tuple(
-        _rating_label(
-            name, _sample_rating(properties[name], name, path), f"data.json: {_RATING_ORIGIN}"
-        )
+        _rating_label(name, _sample_rating(properties[name], name, path), origin)
         for name in _NUMBERS.values()
         if properties.get(name) is not None
     )
     split = _optional_text(document, "split")
-    object_id: str = document["object_id"]
     return SampleDocument(
         object_id,
         PartLabels(

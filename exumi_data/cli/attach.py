@@ -137,7 +137,14 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
 
 
 def _print(report: "AttachReport") -> None:
-    from exumi_data.cli.output import plain, plain_table, print_table, result_console, time_text
+    from exumi_data.cli.output import (
+        plain,
+        plain_table,
+        print_table,
+        printable,
+        result_console,
+        time_text,
+    )
 
     table = plain_table(
         ("clip", "left"), ("begins at", "right"), ("±", "right"), ("fit", "right"), ("", "left")
@@ -159,7 +166,7 @@ def _print(report: "AttachReport") -> None:
     for clip in report.clips:
         counts[clip.status] += 1
     parts = [f"{number:,} {status}" for status, number in counts.items() if number]
-    print(f"{report.destination}: {', '.join(parts)} of {len(report.clips):,} clips")
+    print(printable(f"{report.destination}: {', '.join(parts)} of {len(report.clips):,} clips"))
 
 
 def _print_notes(report: "AttachReport", *, quiet: bool) -> None:

@@ -86,7 +86,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         str | None,
         typer.Option(
             metavar="SPDX",
-            help="Licence of the data, such as CC-BY-4.0. Default: said to be unknown.",
+            help="SPDX expression, such as CC-BY-4.0. Default: said to be unknown.",
         ),
     ] = None,
     task: Annotated[str, typer.Option(help="Name of the task.")] = "touch",
@@ -178,10 +178,11 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         return
     from exumi_converters import ConvertOptions
     from exumi_data.model import UNKNOWN_LICENCE
+    from exumi_data.release.licence import stated_licence
 
     options = ConvertOptions(
         labels=labels,
-        licence=licence or UNKNOWN_LICENCE,
+        licence=UNKNOWN_LICENCE if licence is None else stated_licence(licence),
         task=task,
         rate=rate,
         sensor=sensor,

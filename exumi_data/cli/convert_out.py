@@ -129,7 +129,7 @@ def _print_plan(plan: "ExportPlan", output: Format) -> None:
         print_json(asdict(plan))
         return
     size = "" if plan.estimated_bytes is None else f", about {size_text(plan.estimated_bytes)}"
-    print(f"would write {len(plan.items):,} episodes{size}: {plan.layout}")
+    print(printable(f"would write {len(plan.items):,} episodes{size}: {plan.layout}"))
     for line in _losses(plan):
         print(printable(f"  {line}"))
     for line in plan.notices:
@@ -142,12 +142,11 @@ def _print_report(report: "ExportReport", output: Format, *, quiet: bool) -> Non
     if output is Format.JSON:
         print_json(report.to_json())
     elif report.skipped:
-        print(f"{report.destination}: there already, {report.skipped:,} episodes")
+        print(printable(f"{report.destination}: there already, {report.skipped:,} episodes"))
     else:
-        print(
-            f"{report.destination}: {report.written:,} of {report.total:,} episodes, "
-            f"{size_text(report.bytes)}, {time_text(report.seconds)} ({report.layout})"
-        )
+        written = f"{report.written:,} of {report.total:,} episodes, {size_text(report.bytes)}"
+        took = f"{time_text(report.seconds)} ({report.layout})"
+        print(printable(f"{report.destination}: {written}, {took}"))
     console = error_console()
     if not quiet:
         for line in report.notices:

@@ -46,7 +46,9 @@ def run(
     from exumi_data.cli.dataset_options import opened, write_dataset
     from exumi_data.editing.merging import plan_merge
     from exumi_data.errors import UsageError
+    from exumi_data.release.licence import stated_licence
 
+    licence = None if licence is None else stated_licence(licence)
     datasets = [opened(path) for path in sources]
     if len(datasets) < 2:
         raise UsageError("one dataset is merged already", fix="Name two or more.")

@@ -1,5 +1,6 @@
 """What the verbs of ``exumi dataset`` share: which episodes, and how a change is made and told."""
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -66,9 +67,19 @@ def opened(path: Path) -> "Dataset":
     ----------
     path : pathlib.Path
     """
+    from exumi_data.catalog import EPISODES_FOLDER
     from exumi_data.dataset import open_dataset
+    from exumi_data.wording import counted
 
-    return open_dataset(path)
+    dataset = open_dataset(path)
+    links = sorted(one for one in (path / EPISODES_FOLDER).glob("*/*") if one.is_symlink())
+    if links:
+        warnings.warn(
+            f"{counted(len(links), 'link')} in {path / EPISODES_FOLDER}, not followed: what they "
+            f"lead to is left out. The first is {links[0]}",
+            stacklevel=2,
+        )
+    return dataset
 
 
 @contextmanager

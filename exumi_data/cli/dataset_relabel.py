@@ -1,6 +1,6 @@
 """``exumi dataset relabel``."""
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +13,9 @@ from exumi_data.cli.dataset_options import (
     WhereOption,
 )
 from exumi_data.cli.options import Format, FormatOption, QuietOption, epilog
+
+if TYPE_CHECKING:
+    from exumi_data.dataset import Dataset
 
 __all__ = ["EPILOG", "run"]
 
@@ -76,6 +79,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     from exumi_data.editing.selection import choose
     from exumi_data.errors import UsageError
     from exumi_data.model.episode import EpisodeMetadata
+    from exumi_data.release.licence import stated_licence
 
     given: dict[str, Any] = {
         "task": task,
@@ -83,7 +87,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         "regime": regime,
         "operator": operator,
         "site": site,
-        "licence": licence,
+        "licence": None if licence is None else stated_licence(licence),
         "object": object_name,
         "object_id": object_id,
         "part": part,
@@ -112,5 +116,29 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         ids = choose(
             source, ids=episodes or (), where=where or (), split=split, everything=everything
         )
+        _refuse_unknown(source, ids, properties)
         done = revise_all(source, ids, change, dry_run=dry_run, quiet=quiet)
     tell_revisions(done, dry_run=dry_run, as_json=output is Format.JSON)
+
+
+def _refuse_unknown(dataset: "Dataset", ids: list[str], properties: tuple[str, ...]) -> None:
+    """Refuse words that are neither fields nor properties of which an episode has a label."""
+    from exumi_data.editing.copying import chosen_of
+    from exumi_data.editing.labels import FIELDS
+    from exumi_data.episode import open_episode
+    from exumi_data.errors import UsageError
+
+    if not properties:
+        return
+    known: set[str] = set()
+    for one in chosen_of(dataset, ids):
+        with open_episode(one.path) as episode:
+            annotations = episode.metadata.annotations
+            known |= {label.property for label in (annotations and annotations.labels) or ()}
+    unknown = [name for name in properties if name not in known]
+    if unknown:
+        labels = f"; labels of these episodes: {', '.join(sorted(known))}" if known else ""
+        raise UsageError(
+            f"nothing can be cleared that is called {', '.join(map(repr, unknown))}",
+            fix=f"Fields are {', '.join(FIELDS)}{labels}.",
+        )

@@ -1,5 +1,6 @@
 """``exumi dataset split``."""
 
+import re
 from enum import StrEnum
 from typing import Annotated
 
@@ -14,6 +15,10 @@ EPILOG = epilog(
     "exumi dataset split my-dataset",
     "exumi dataset split my-dataset --name parts --by part --lists train=8,val=1,test=1 --seed 3",
 )
+# Names of files, on every system, once lists are written down one by one.
+_LIST = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*(?:\.[A-Za-z0-9_-]+)*")
+_LONGEST = 64
+_MOST_DIGITS = 9
 
 
 class By(StrEnum):
@@ -51,6 +56,8 @@ def run(
     from exumi_data.model.documents import dump
     from exumi_data.splits import make_split
 
+    if len(name) > _LONGEST:
+        raise UsageError(f"the name of a split has at most {_LONGEST} letters")
     with changing(dataset, dry_run=dry_run):
         source = opened(dataset)
         if name in source.splits and not overwrite:
@@ -91,5 +98,12 @@ def shares_of(text: str) -> dict[str, int]:
             raise UsageError(
                 f"{text!r} names no lists", fix="Write them such as train=8,val=1,test=1."
             )
+        if not _LIST.fullmatch(name) or len(name) > _LONGEST:
+            raise UsageError(
+                f"{name[:_LONGEST]!r} is no name of a list",
+                fix=f"At most {_LONGEST} letters, digits, - and _, such as train or val-seen.",
+            )
+        if len(share) > _MOST_DIGITS:
+            raise UsageError(f"the share of {name} has more than {_MOST_DIGITS} digits")
         shares[name] = int(share)
     return shares

@@ -31,7 +31,13 @@ def run(  # options of the command line
     ] = Path("exumi-demo"),
     seed: Annotated[int, typer.Option(min=0, help="Chooses what is left to chance.")] = 7,
     seconds: Annotated[
-        float, typer.Option(min=3, max=3600, help="Length of the session, about 5 s a grasp.")
+        float,
+        typer.Option(
+            min=3,
+            max=3600,
+            help="Length of the session, about 5 s a grasp. What lies between grasps is in no "
+            "episode.",
+        ),
     ] = 20.0,
     direct: Annotated[
         bool,
@@ -84,6 +90,7 @@ def _step(console: "Console", number: int, what: str, result: str) -> None:
 
 
 def _validate(console: "Console", dataset: "Dataset") -> bool:
+    from exumi_data.wording import counted
     from exumi_validators import validate
 
     report = validate(dataset.path)
@@ -94,9 +101,9 @@ def _validate(console: "Console", dataset: "Dataset") -> bool:
             f"{coverage.frames:,} frames decoded"
         )
         warnings = report.count("warning")
-        result += f", {warnings} warning(s)" if warnings else ""
+        result += f", {counted(warnings, 'warning')}" if warnings else ""
     else:
-        result = f"[red]invalid[/]: {report.count('error')} error(s)"
+        result = f"[red]invalid[/]: {counted(report.count('error'), 'error')}"
     _step(console, 2, "Validate", result)
     if report.count("error") or report.count("warning"):
         console.print(report.to_text(), markup=False, end="")

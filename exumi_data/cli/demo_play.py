@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from exumi_data.cli.output import progress_of, size_text, time_text
+from exumi_data.wording import counted
 
 if TYPE_CHECKING:
     from exumi_data.dataset import Dataset
@@ -64,7 +65,7 @@ def simulate(root: Path, settings: "DemoSettings", *, workers: int | None, quiet
             on_done=lambda done, total: update(done, total, "grasps"),
         )
     session = make_session(settings.seed, settings.seconds)
-    return Played(dataset, session, 0, _text(dataset, began))
+    return Played(dataset, session, 0, _text(dataset, settings.seconds, began))
 
 
 def record(root: Path, settings: "DemoSettings", *, quiet: bool) -> Played:
@@ -110,16 +111,20 @@ def record(root: Path, settings: "DemoSettings", *, quiet: bool) -> Played:
         )
     dataset = exumi_data.open(root)
     assert isinstance(dataset, exumi_data.Dataset)  # noqa: S101  # it was made as one
-    text = f"{_text(dataset, began)}, {_lost(dataset)}"
+    text = f"{_text(dataset, settings.seconds, began)}, {_lost(dataset)}"
     return Played(dataset, played.session, played.epoch_ns, text)
 
 
-def _text(dataset: "Dataset", began: float) -> str:
+def _text(dataset: "Dataset", seconds: float, began: float) -> str:
+    """Say what there is: less time than was played, as an episode is one grasp."""
     streams = [stream["name"] for stream in dataset.catalog.column("streams")[0].as_py()]
     size = size_text(sum(dataset.catalog.column("bytes").to_pylist()))
+    kept = time_text(sum(dataset.catalog.column("duration_s").to_pylist()))
+    took = time_text(time.perf_counter() - began)
     return (
-        f"{len(dataset)} grasp(s), one episode each ({', '.join(streams)}), {size} "
-        f"in {time_text(time.perf_counter() - began)}"
+        f"{counted(len(dataset), 'grasp')}, one episode each ({', '.join(streams)}), {size} "
+        f"in {took}; {kept} of the {seconds:g} s are in episodes, the rest lies before, "
+        "between and after the grasps"
     )
 
 

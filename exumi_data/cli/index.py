@@ -40,7 +40,7 @@ def run(
     from exumi_data.cli.engines import chosen_engine
     from exumi_data.cli.failures import FOUND_WRONG
     from exumi_data.cli.indexing import refresh_catalog
-    from exumi_data.cli.output import error_console, print_json, progress_of
+    from exumi_data.cli.output import error_console, print_json, printable, progress_of
 
     with (
         chosen_engine(engine, ray_address, workers=workers, reads=[path], quiet=quiet) as chosen,
@@ -57,7 +57,7 @@ def run(
         print_json(change.as_dict())
     else:
         for line in change.lines():
-            print(line)
+            print(printable(line))
     if change.failed:
         console = error_console()
         console.print(f"[bold red]error:[/] {len(change.failed)} episode(s) cannot be read:")

@@ -52,7 +52,7 @@ def print_dataset(summary: DatasetSummary, console: "Console") -> None:
     }
     for name, value in rows.items():
         if value:
-            facts.add_row(f"[bold]{name}[/]", plain(value))
+            facts.add_row(f"[bold]{name}[/]", plain(value, lines=True))
     print_table(facts, console)
     if summary.streams:
         console.print()
@@ -153,7 +153,7 @@ def _add_stream(
         stored = f", {size}, {images['encoding']} ({what})"
     rate = f", {stream['nominal_rate']} Hz nominal" if stream.get("nominal_rate") else ""
     node = branch.add(
-        f"[bold cyan]{name}[/] [dim]{stream['kind']}[/]: {samples:,} samples{stored}{rate}"
+        f"[bold cyan]{name}[/] [dim]{stream['kind']}[/]: {samples:,} samples{plain(stored)}{rate}"
     )
     node.add(f"clock {_short(stream['clock'])}")
     node.add(f"arrays {', '.join(stream['arrays'])}")
@@ -165,7 +165,9 @@ def _add_stream(
         owner, _, array = key.partition("/")
         if owner == name:
             parameters = item.get("parameters", {})
-            node.add(f"derived [italic]{array}[/] by {item['algorithm']} {_short(parameters)}")
+            node.add(
+                f"derived [italic]{array}[/] by {plain(item['algorithm'])} {_short(parameters)}"
+            )
 
 
 def _containers(images: Mapping[str, Any]) -> list[str]:
@@ -182,8 +184,8 @@ def _add_mapping(tree: "Tree", name: str, values: Mapping[str, Any] | None) -> N
 
 
 def _add_source(tree: "Tree", source: Mapping[str, Any]) -> None:
-    line = f"[bold]source[/] {source['type']} by {source['tool']} {source['tool_version']}"
-    branch = tree.add(line)
+    tool = plain(f"{source['tool']} {source['tool_version']}")
+    branch = tree.add(f"[bold]source[/] {source['type']} by {tool}")
     for key in ("converter", "key", "settings", "parent_id", "parent_digest"):
         if source.get(key) is not None:
             branch.add(f"{key} {_short(source[key])}")

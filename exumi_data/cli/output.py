@@ -38,11 +38,19 @@ _WIDTH_OF_A_FILE = 140
 def _console(*, stderr: bool) -> "Console":
     from rich.console import Console
 
+    class PrintableConsole(Console):
+        def print(self, *objects: Any, **options: Any) -> None:
+            """Print; in text that comes from files, codes that terminals obey are escaped."""
+            safe = (printable(one, lines=True) if isinstance(one, str) else one for one in objects)
+            super().print(*safe, **options)
+
     stream = sys.stderr if stderr else sys.stdout
     width = None
     if not stream.isatty() and "COLUMNS" not in os.environ:
         width = _WIDTH_OF_A_FILE
-    return Console(stderr=stderr, width=width, highlight=False, soft_wrap=stderr, emoji=False)
+    return PrintableConsole(
+        stderr=stderr, width=width, highlight=False, soft_wrap=stderr, emoji=False
+    )
 
 
 def result_console() -> "Console":
@@ -55,17 +63,19 @@ def error_console() -> "Console":
     return _console(stderr=True)
 
 
-def plain(value: object) -> str:
+def plain(value: object, *, lines: bool = False) -> str:
     """Return text that rich prints as it is: names and paths of users may look like markup.
 
     Parameters
     ----------
     value : object
-        Its `str` is taken.
+        Its `str` is taken; what is not printable in it is escaped.
+    lines : bool
+        Keep the ends of lines.
     """
     from rich.markup import escape
 
-    return escape(str(value))
+    return escape(printable(str(value), lines=lines))
 
 
 def printable(text: str, *, lines: bool = False) -> str:

@@ -72,7 +72,7 @@ def run(
 
 
 def _recover(paths: list[Path], *, dry_run: bool, output: Format, quiet: bool) -> None:
-    from exumi_data.cli.output import error_console, print_json, progress_of
+    from exumi_data.cli.output import error_console, print_json, printable, progress_of
     from exumi_recorders.finalise.recover import recover
 
     with progress_of("Recovering", quiet=quiet) as update:
@@ -81,11 +81,11 @@ def _recover(paths: list[Path], *, dry_run: bool, output: Format, quiet: bool) -
         print_json(result.to_json())
     else:
         for one in result.done:
-            print(_line(one))
+            print(printable(_line(one)))
             for damage in one.damages[:_DAMAGES_SHOWN]:
                 lost = "" if damage.lost is None else f", {damage.lost} samples lost"
-                print(f"  {damage.path}: {damage.bytes:,} bytes at {damage.offset:,}", end="")
-                print(f" ({damage.what}){lost}")
+                where = f"{damage.path}: {damage.bytes:,} bytes at {damage.offset:,}"
+                print(printable(f"  {where} ({damage.what}){lost}"))
             if len(one.damages) > _DAMAGES_SHOWN:
                 print(f"  and {len(one.damages) - _DAMAGES_SHOWN} more (--format json lists all)")
         if not result.done and not result.failed:
@@ -110,10 +110,12 @@ def _purge(paths: list[Path], older_than: float | None, *, dry_run: bool, output
 
 
 def _print_purge(result: "Purge", *, dry_run: bool) -> None:
+    from exumi_data.cli.output import printable
+
     for one in result.done:
         said = {"purged": "purged", "found": "would be purged", "kept": "too young, stays"}
-        print(f"{one.journal}: {said[one.outcome]}, {one.bytes:,} bytes", end="")
-        print(f", discarded {max(one.days, 0.0):.1f} days ago ({one.reason or 'no reason given'})")
+        when = f"discarded {max(one.days, 0.0):.1f} days ago ({one.reason or 'no reason given'})"
+        print(printable(f"{one.journal}: {said[one.outcome]}, {one.bytes:,} bytes, {when}"))
     if dry_run:
         size = sum(one.bytes for one in result.done if one.outcome == "found")
         print(f"{size:,} bytes would be freed")

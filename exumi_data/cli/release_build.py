@@ -30,6 +30,8 @@ EPILOG = epilog(
     "exumi release my-dataset my-release --licence CC-BY-4.0 --licence-file CC-BY-4.0.txt",
     "exumi release my-dataset my-release-2 --previous my-release --dry-run",
     "exumi release my-dataset my-release --split object --lists train=8,val=1,test=1",
+    'exumi release my-dataset my-release --author "A. Lovelace" --author "C. Babbage" '
+    "--published 2026-03-01",
     "exumi release my-dataset my-release --keep operator --remove gps,serial,path",
     "exumi release my-dataset my-release --push our-lab/my-dataset",
 )
@@ -94,6 +96,30 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         str | None,
         typer.Option(metavar="YYYY-MM-DD", help="The day; for citations. Never the clock's."),
     ] = None,
+    author: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Whom to cite. Can be given more than once. Default: what dataset.json says.",
+        ),
+    ] = None,
+    description: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TEXT", help="What the data are, in Markdown. Default: what dataset.json says."
+        ),
+    ] = None,
+    citation_file: Annotated[
+        Path | None,
+        typer.Option(
+            parser=given_path,
+            metavar="FILE",
+            help="How to cite it, in BibTeX or as a text. Default: what dataset.json says.",
+        ),
+    ] = None,
+    url: Annotated[
+        str | None, typer.Option(metavar="URL", help="Where the release can be had.")
+    ] = None,
     keep: Annotated[
         str,
         typer.Option(
@@ -150,6 +176,10 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         split=_wish(split, lists, seed),
         preview_bytes=round(min(preview_mb, 1e9) * 1e6),
         published=published,
+        authors=tuple(author or ()),
+        description=description,
+        citation=None if citation_file is None else _text(citation_file),
+        url=url,
         keep=_kinds(keep),
         remove=_kinds(remove),
         pseudonym_key=None if pseudonym_key is None else _key(pseudonym_key),
@@ -208,6 +238,16 @@ def _key(path: Path) -> bytes:
     return read_plain(path, 1 << 16).strip()
 
 
+def _text(path: Path) -> str:
+    from exumi_data.errors import UsageError
+    from exumi_data.store.plain_files import read_plain
+
+    try:
+        return read_plain(path, 1 << 16).decode().strip()
+    except UnicodeDecodeError:
+        raise UsageError("is no text in UTF-8", where=path) from None
+
+
 def _wish(split: By | None, lists: str, seed: int) -> "SplitWish | None":
     from exumi_data.cli.dataset_split import shares_of
     from exumi_data.errors import UsageError
@@ -240,10 +280,10 @@ def _refuse(plan: "Plan", output: Format) -> None:
     from exumi_data.cli.failures import COULD_NOT_RUN, FOUND_WRONG
     from exumi_data.cli.output import error_console, print_json, printable
 
-    invalid = len(plan.judgement.errors)
+    invalid = bool(plan.judgement.errors)
     problems = list(plan.problems)
     if invalid:
-        problems.insert(0, f"the data are not valid: {invalid:,} error(s), listed above")
+        problems.insert(0, "the data are not valid: the errors are listed above")
     if output is Format.JSON:
         print_json(
             {

@@ -32,8 +32,12 @@ def judge_with(
             on_progress=on_progress if thorough else None,
         )
         lines: dict[str, list[str]] = {"error": [], "warning": [], "info": []}
+        of_rule: dict[str, list[str]] = {}
         for one in report.counted:
+            of_rule[one.code] = lines[one.severity]
             lines[one.severity].append(f"{one.code}: {one.message} @ {one.location.file}")
+        for code, count in report.not_listed.items():
+            of_rule[code].append(f"{code}: {count:,} more, not listed")
         errors = [
             *lines["error"],
             *(

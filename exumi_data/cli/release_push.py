@@ -1,5 +1,10 @@
 """``exumi release push``."""
 
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -75,17 +80,41 @@ def push(
     from exumi_data.cli.release_judge import judge_with
     from exumi_data.release.pushing import push_release
 
-    with progress_of("Publishing (MiB)", quiet=quiet) as update:
+    with progress_of("Publishing (MiB)", quiet=quiet) as update, _restored_signal():
+
+        def tell(what: str, done: int, total: int) -> None:
+            if what == "Uploading":
+                signal.signal(signal.SIGINT, _leave)
+            update(done // _STEP, total // _STEP, what.lower())
+
         return push_release(
             release,
             repository,
             judge_with(workers),
             public=public,
             workers=workers,
-            on_progress=lambda what, done, total: update(
-                done // _STEP, total // _STEP, what.lower()
-            ),
+            on_progress=tell,
         )
+
+
+@contextmanager
+def _restored_signal() -> Iterator[None]:
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _leave(_number: int, _frame: object) -> None:
+    """End the program at once: unwinding would wait until what is on its way has been sent."""
+    from exumi_data.cli.failures import INTERRUPTED
+    from exumi_data.cli.output import error_console
+
+    error_console().show_cursor()
+    sys.stderr.write("\nstopped. What was uploaded is kept: run the same command again.\n")
+    sys.stderr.flush()
+    os._exit(INTERRUPTED)
 
 
 def tell_pushed(pushed: "Pushed", *, quiet: bool) -> None:
@@ -102,6 +131,10 @@ def tell_pushed(pushed: "Pushed", *, quiet: bool) -> None:
     print(printable(f"{pushed.url}: {pushed.tag} {what}, {pushed.files:,} files"))
     if pushed.removed:
         print(f"  {len(pushed.removed):,} files of the release before it were removed")
+    if pushed.replaced:
+        named = ", ".join(pushed.replaced[:_SHOWN])
+        count = f"{len(pushed.replaced):,} files that belonged to no release were replaced"
+        print(printable(f"  {count}, and are in the repository's history: {named}"))
     if pushed.others and not quiet:
         named = ", ".join(pushed.others[:_SHOWN])
         print(printable(f"  {len(pushed.others):,} other files are there, and stay: {named}"))

@@ -68,7 +68,9 @@ class _Who(StrEnum):
 
 
 _Index = Annotated[Path, typer.Argument(metavar="INDEX", help="The folder of an index.")]
-_Data = Annotated[Path, typer.Argument(metavar="DATASET", help="A dataset with touch clips.")]
+_Data = Annotated[
+    str, typer.Argument(metavar="DATASET", help="A dataset with touch clips, or its URL.")
+]
 _Split = Annotated[
     str | None,
     typer.Option(metavar="NAME/LIST", help="Only this list of a split of the dataset."),
@@ -117,13 +119,9 @@ def build(  # noqa: PLR0913, PLR0917  # options of the command line
     """
     from exumi_data.cli.engines import chosen_engine
     from exumi_data.cli.output import progress_of
-    from exumi_data.errors import UsageError
     from exumi_loaders import TactileIndex
 
-    if model is not None and engine is not EngineName.LOCAL:
-        raise UsageError(
-            "--model is not sent to a cluster", fix="Leave --engine out: it uses all cores here."
-        )
+    _keep_model_here(model, engine)
     encoder = _vision(model)
     damaged: list[DamagedClip] = []
     with (
@@ -311,6 +309,8 @@ def evaluate(  # noqa: PLR0913, PLR0917  # options of the command line
     keep_going: _KeepGoing = False,
     output: FormatOption = Format.TEXT,
     workers: WorkersOption = None,
+    engine: EngineOption = EngineName.LOCAL,
+    ray_address: RayAddressOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Score an index: how often the right part or object comes first, or among the first five.
@@ -318,6 +318,7 @@ def evaluate(  # noqa: PLR0913, PLR0917  # options of the command line
     Queries that are in the index are refused: they would find themselves. Damaged clips are left
     out and named; exit code 1 then.
     """
+    from exumi_data.cli.engines import chosen_engine
     from exumi_data.cli.output import progress_of
     from exumi_data.engine import default_workers
     from exumi_data.splits import split_ids
@@ -325,18 +326,25 @@ def evaluate(  # noqa: PLR0913, PLR0917  # options of the command line
     from exumi_loaders import evaluate as score
     from exumi_loaders import leave_one_out as score_without
 
+    _keep_model_here(model, engine)
     index = _open(path, model)
     data = _dataset(dataset)
     if split is not None:
         data = data.select(split_ids(data, split, by="part"))
     encoder = _encoder(index)
-    with progress_of("Encoding", quiet=quiet) as update:
+    with (
+        chosen_engine(engine, ray_address, workers=workers, reads=[dataset], quiet=quiet) as chosen,
+        progress_of("Encoding", quiet=quiet) as update,
+    ):
+        # On a cluster it is as many as it has; a model uses the cores itself.
+        here = (workers or default_workers()) if chosen is None else workers
         clips = encode_clips(
             data,
             encoder,
             stream=stream,
             frames=index.document.frames,
-            workers=(workers or default_workers()) if model is None else 1,
+            workers=here if model is None else 1,
+            engine=chosen,
             on_corrupt="skip",
             on_done=lambda done, total: update(done, total, ""),
         )
@@ -351,7 +359,7 @@ def evaluate(  # noqa: PLR0913, PLR0917  # options of the command line
     _finish(clips.damaged, keep_going=keep_going)
 
 
-def _dataset(path: Path) -> "Dataset":
+def _dataset(path: str) -> "Dataset":
     import exumi_data
     from exumi_data.errors import UsageError
 
@@ -359,6 +367,15 @@ def _dataset(path: Path) -> "Dataset":
     if not isinstance(opened, exumi_data.Dataset):
         raise UsageError("is one episode, not a dataset", where=path, fix="Name the dataset.")
     return opened
+
+
+def _keep_model_here(model: Path | None, engine: EngineName) -> None:
+    from exumi_data.errors import UsageError
+
+    if model is not None and engine is not EngineName.LOCAL:
+        raise UsageError(
+            "--model is not sent to a cluster", fix="Leave --engine out: it uses all cores here."
+        )
 
 
 def _vision(model: Path | None) -> "Encoder | None":

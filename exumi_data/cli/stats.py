@@ -83,6 +83,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     from exumi_data.errors import UsageError
     from exumi_data.stats import measure
     from exumi_data.ticks import DEFAULT_TICK_S
+    from exumi_data.wording import counted
 
     if level is not None and html is None:
         raise UsageError("--level belongs to --html", fix="Add --html FILE.")
@@ -110,7 +111,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     if output is Format.JSON:
         print_json(asdict(statistics))
     elif html is not None:
-        print(printable(f"{html}: {statistics.episodes:,} episodes, {size_text(size)}"))
+        count = counted(statistics.episodes, "episode")
+        print(printable(f"{html}: {count}, {size_text(size)}"))
     else:
         from exumi_data.cli.stats_text import print_statistics
 
@@ -129,4 +131,4 @@ def _check_page(html: Path, path: str) -> None:
             "--html looks at every frame, and takes data on this machine",
             fix="Download the dataset first, or its preview.",
         )
-    check_target(html, Path(path))
+    check_target(html)

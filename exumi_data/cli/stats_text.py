@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from exumi_data.cli.output import plain, plain_table, print_table, size_text, time_text
 from exumi_data.stats.model import Range, Statistics, StreamStatistics
+from exumi_data.wording import counted
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -56,7 +57,7 @@ def _headline(statistics: Statistics, console: "Console") -> None:
     if statistics.what == "episode":
         console.print(f"[bold]Episode {plain(statistics.name)}[/]: {duration}, {size}")
     else:
-        count = _number(statistics.episodes, "episode")
+        count = counted(statistics.episodes, "episode")
         console.print(f"[bold]Dataset {plain(statistics.name)}[/]: {count}, {duration}, {size}")
     console.print()
 
@@ -130,12 +131,12 @@ def _notes_on_streams(statistics: Statistics, console: "Console") -> None:
         if stated:
             lines.append(stated)
         if stream.empty:
-            lines.append(f"{stream.name}: no sample in {_number(stream.empty, 'episode')}")
+            lines.append(f"{stream.name}: no sample in {counted(stream.empty, 'episode')}")
         if stream.declared_gaps:
-            lines.append(f"{stream.name}: {_number(stream.declared_gaps, 'declared gap')}")
+            lines.append(f"{stream.name}: {counted(stream.declared_gaps, 'declared gap')}")
         if stream.lost:
-            counted = ", ".join(f"{count} {cause}" for cause, count in stream.lost.items())
-            lines.append(f"{stream.name}: lost, as the recorder counted: {counted}")
+            causes = ", ".join(f"{count} {cause}" for cause, count in stream.lost.items())
+            lines.append(f"{stream.name}: lost, as the recorder counted: {causes}")
     for line in lines:
         console.print(line, style="dim", markup=False)
     console.print()
@@ -162,16 +163,12 @@ def _percent(share: float | None) -> str:
     return "[dim]-[/]" if share is None else f"{share:.1%}"
 
 
-def _number(count: int, what: str) -> str:
-    return f"{count:,} {what}" if count == 1 else f"{count:,} {what}s"
-
-
 def _shares(statistics: Statistics, console: "Console") -> None:
     table = plain_table(("", "left"), ("", "right"), ("", "left"), header=False)
     active, usable = statistics.active, statistics.usable
     note = f"{active.active:,} of {active.frames:,} moments, any tactile stream"
     if active.unmeasured:
-        note += f"; {_number(active.unmeasured, 'episode')} without stored activity left out"
+        note += f"; {counted(active.unmeasured, 'episode')} without stored activity left out"
     if active.episodes or active.unmeasured:
         table.add_row("[bold]active tactile[/]", _percent(active.ratio), note)
     required = "all streams" if usable.required is None else ", ".join(usable.required)
@@ -179,7 +176,7 @@ def _shares(statistics: Statistics, console: "Console") -> None:
         f"{usable.usable:,} of {usable.ticks:,} ticks of {usable.tick_s * 1e3:.4g} ms, {required}"
     )
     if usable.without:
-        note += f"; {_number(usable.without, 'episode')} without a required stream"
+        note += f"; {counted(usable.without, 'episode')} without a required stream"
     table.add_row("[bold]usable[/]", _percent(usable.ratio), note)
     for regime, item in statistics.regimes.items():
         rate = "[dim]-[/]" if item.per_hour is None else f"{item.per_hour:,.0f}"
@@ -245,7 +242,7 @@ def _unreadable(statistics: Statistics, console: "Console") -> None:
     if not statistics.unreadable:
         return
     console.print()
-    count = _number(len(statistics.unreadable), "episode")
+    count = counted(len(statistics.unreadable), "episode")
     console.print(f"[bold red]{count} could not be read[/] and are in none of these numbers:")
     for item in statistics.unreadable[:_UNREADABLE_SHOWN]:
         console.print(f"  {item.reason}", markup=False, soft_wrap=True)

@@ -119,6 +119,8 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         warm_up("exumi_validators.validation", workers=workers)
     from exumi_validators.fixing import apply_fix, plan_fix
 
+    if fix:
+        given_path(path)  # a catalog at a URL is not written
     if (apply or accept_changed) and not fix:
         raise UsageError("--apply and --accept-changed belong to --fix", fix="Add --fix.")
     chosen = _config(path, config, no_config=no_config)

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["EPILOG", "run"]
 
+_MAGIC = b"RRF"
+"""With which Rerun files begin, whatever their version."""
+
 EPILOG = epilog(
     "exumi view my-dataset",
     "exumi view my-dataset --episode 7d11 --web",
@@ -113,16 +116,26 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
 def _check(save: Path | None, *, web: bool, no_open: bool) -> None:
     """Refuse what cannot work before anything long is done."""
     from exumi_data.errors import UsageError
+    from exumi_data.opening import check_outside
     from exumi_data.view.looking import check_display
 
+    if save is not None:
+        check_outside(save)
     if save is not None and save.suffix != ".rrd":
         raise UsageError("is no name of a Rerun file", where=save, fix="Name it FILE.rrd.")
     if save is not None and save.is_dir():
         raise UsageError("is a folder", where=save, fix="Name a file in it.")
+    if save is not None and save.exists() and not _is_recording(save):
+        raise UsageError("exists and is no Rerun file", where=save, fix="Name another file.")
     if no_open and not web:
         raise UsageError("--no-open goes with --web")
     if save is None and not web:
         check_display()
+
+
+def _is_recording(file: Path) -> bool:
+    with file.open("rb") as opened:
+        return opened.read(len(_MAGIC)) == _MAGIC
 
 
 def _chosen(path: str, named: Sequence[str]) -> "Episode | Dataset":
@@ -161,11 +174,12 @@ def _write(
 
 def _tell(report: "ViewReport", saved: Path | None, output: Format, *, quiet: bool) -> None:
     from exumi_data.cli.output import error_console, print_json, printable, size_text, time_text
+    from exumi_data.wording import counted
 
     if output is Format.JSON:
         print_json(report.to_json())
     elif saved is not None:
-        count = f"{len(report.episodes):,} of {report.available:,} episodes"
+        count = f"{len(report.episodes):,} of {counted(report.available, 'episode')}"
         print(
             printable(f"{saved}: {count}, {size_text(report.bytes)}, {time_text(report.seconds)}")
         )

@@ -1,6 +1,7 @@
 """Episodes of one dataset copied into another, byte for byte: each whole, or not at all."""
 
 import os
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,6 +123,7 @@ def copy_episode(source: Path, target: Path) -> None:
             sync_tree(partial)
             replace_folder(partial, target)
         finally:
+            shutil.rmtree(partial, ignore_errors=True)  # there only if it did not come to its end
             os.close(claim)
 
 

@@ -5,9 +5,12 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
 from multiprocessing.process import BaseProcess
+from queue import Empty, SimpleQueue
+from types import FrameType
 from typing import TypeVar
 
 from exumi_data.engine.outcome import Engine, Outcome
@@ -21,6 +24,7 @@ Item = TypeVar("Item")
 Value = TypeVar("Value")
 
 _QUEUED_PER_WORKER = 4
+_LOOK_S = 0.5
 
 
 def default_workers() -> int:
@@ -112,12 +116,17 @@ def warm_up(*modules: str, workers: int | None = None, engine: Engine | None = N
     """
     if engine is not None or os.name != "posix" or (workers or default_workers()) == 1:
         return
+    multiprocessing.get_context("forkserver").set_forkserver_preload(["__main__", *modules])
+    _start_helper()
+
+
+def _start_helper() -> None:
+    """Start the process that workers are forked from, if there is none yet."""
     from multiprocessing import forkserver, resource_tracker
 
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["__main__", *modules])
     # Ctrl-C reaches every process of the terminal, and is the parent's to act on: the helper would
-    # show a traceback in the middle of its imports. (The tracker comes first: it would unblock.)
+    # show a traceback in the middle of its imports, and a worker before it heeds signals. (The
+    # tracker comes first: it would unblock.)
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -128,6 +137,8 @@ def warm_up(*modules: str, workers: int | None = None, engine: Engine | None = N
 
 def _pool(workers: int) -> ProcessPoolExecutor:
     context = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
+    if os.name == "posix":
+        _start_helper()
     return ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
 
 
@@ -153,6 +164,52 @@ def _stop_workers(pool: ProcessPoolExecutor) -> threading.Timer:
     return last_resort
 
 
+@contextmanager
+def signals_later() -> Iterator[None]:
+    """Let signals that end the program wait for the end of the block; a second comes at once.
+
+    An exception of a signal's handler may come at any place of the main thread. Within a pool it
+    would leave locks that the pool's own threads wait for, and workers that nobody knows.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread runs handlers
+        return
+    numbers = (getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP"))
+    handlers = {number: signal.getsignal(number) for number in numbers if number is not None}
+    came: list[int] = []
+    is_waiting = True
+
+    def take(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        if len(came) > 1 or not is_waiting:
+            handler = handlers[signal.Signals(number)]
+            assert callable(handler)  # noqa: S101  # others were not replaced
+            handler(number, frame)
+
+    replaced = [number for number, handler in handlers.items() if callable(handler)]
+    try:
+        for number in replaced:
+            signal.signal(number, take)
+        yield
+    finally:
+        is_waiting = False
+        for number in replaced:
+            signal.signal(number, handlers[number])
+        if came:
+            signal.raise_signal(came[0])
+
+
+def _next_of(ended: SimpleQueue[Future[Value]]) -> Future[Value]:
+    """Wait for a future that ends, looking for signals now and then.
+
+    One that comes while the process is stopped (Ctrl-Z, then kill) may reach another thread when it
+    goes on, and then does not interrupt what this one waits for.
+    """
+    while True:
+        with suppress(Empty):
+            return ended.get(timeout=_LOOK_S)
+
+
 def _kill(processes: Sequence[BaseProcess]) -> None:
     for process in processes:
         process.kill()
@@ -164,6 +221,8 @@ def _run_pool(
     """Run items until the source ends; return those that were under way if the pool breaks."""
     pool = _pool(workers)
     pending: dict[Future[Outcome[Item, Value]], Item] = {}
+    # Waiting here, other than in `concurrent.futures.wait`, holds no lock when a signal comes.
+    ended: SimpleQueue[Future[Outcome[Item, Value]]] = SimpleQueue()
     suspects: list[Item] = []
     exhausted = False
     last_resort: threading.Timer | None = None
@@ -176,22 +235,25 @@ def _run_pool(
                     exhausted = True
                     break
                 try:
-                    pending[pool.submit(call_in_worker, function, item)] = item
+                    with signals_later():
+                        future = pool.submit(call_in_worker, function, item)
+                        pending[future] = item
+                        future.add_done_callback(ended.put)
                 except BrokenProcessPool:
                     suspects.append(item)
+                    break
             if not pending:
                 return suspects
-            done, _ = wait(pending, return_when=FIRST_COMPLETED)
-            for future in done:
-                item = pending.pop(future)
-                error = future.exception()
-                if isinstance(error, BrokenProcessPool):
-                    suspects.append(item)
-                elif error is None:
-                    yield future.result()
-                else:
-                    # The function, the item or its value cannot be sent between processes.
-                    yield Outcome(item, None, ExumiError(f"{type(error).__name__}: {error}"))
+            future = _next_of(ended)
+            item = pending.pop(future)
+            error = future.exception()
+            if isinstance(error, BrokenProcessPool):
+                suspects.append(item)
+            elif error is None:
+                yield future.result()
+            else:
+                # The function, the item or its value cannot be sent between processes.
+                yield Outcome(item, None, ExumiError(f"{type(error).__name__}: {error}"))
     except BaseException:
         last_resort = _stop_workers(pool)
         raise

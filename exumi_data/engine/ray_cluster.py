@@ -1,15 +1,18 @@
 """Joining a Ray cluster, or starting one on this machine for as long as it is needed."""
 
+import fcntl
 import logging
 import os
 import secrets
 import shutil
 import signal
 import socket
+import stat
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +27,12 @@ _ANSWERS_WITHIN_S = 10.0
 _STORE_BYTES = 80 << 20
 # Its sockets lie in it, about 65 characters deeper, and their paths have room for 107.
 _LONGEST_FOLDER = 40
+# What a client of HTTP/2 says first, and the settings that both sides begin with.
+_SETTINGS = b"\0\0\0\4\0\0\0\0\0"
+_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + _SETTINGS
+_PREFIX = "exumi-ray-"
+_IN_USE = "in-use"
+_JUST_MADE_S = 60.0
 
 
 @contextmanager
@@ -58,8 +67,7 @@ def cluster(address: str | None, workers: int | None) -> Iterator[bool]:
         return
     found = find_cluster(address)
     handler = signal.getsignal(signal.SIGTERM)
-    folder = _new_folder() if found is None else None
-    with _without_messages(ray):
+    with _own_folder(needed=found is None) as folder, _without_messages(ray):
         try:
             if folder is not None:
                 _start(ray, folder, workers)
@@ -69,10 +77,9 @@ def cluster(address: str | None, workers: int | None) -> Iterator[bool]:
             _set_handler(handler)
             yield folder is not None
         finally:
-            ray.shutdown()
+            with _undisturbed():
+                ray.shutdown()
             _set_handler(handler)
-            if folder is not None:
-                shutil.rmtree(folder, ignore_errors=True)
 
 
 def ray_module() -> Any:
@@ -164,11 +171,23 @@ def _reason_not_to(address: str) -> str | None:
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal():
         return "that is not like host:port"
+    where = host.strip("[]"), int(port)
     try:
-        socket.create_connection((host.strip("[]"), int(port)), _ANSWERS_WITHIN_S).close()
+        with socket.create_connection(where, _ANSWERS_WITHIN_S) as connection:
+            if os.environ.get("RAY_USE_TLS", "0") in ("", "0") and not _speaks_http2(connection):
+                return "something else listens there"
     except OSError as error:
         return str(error.strerror or error)
     return None
+
+
+def _speaks_http2(connection: socket.socket) -> bool:
+    """Whether it is answered as by Ray's servers, whose protocol begins so."""
+    connection.sendall(_HELLO)
+    answer = b""
+    while len(answer) < len(_SETTINGS) and (more := connection.recv(64)):
+        answer += more
+    return answer[3:4] == _SETTINGS[3:4]
 
 
 def _join(ray: Any, address: str) -> None:
@@ -224,11 +243,51 @@ def _without_telemetry() -> Iterator[None]:
             os.environ[name] = before
 
 
-def _new_folder() -> str:
+@contextmanager
+def _own_folder(*, needed: bool) -> Iterator[str | None]:
+    """Make a folder for a cluster of our own, and remove those of programs that were killed."""
+    if not needed:
+        yield None
+        return
     parent = tempfile.gettempdir()
     if len(parent) > _LONGEST_FOLDER - len("/exumi-ray-12345678"):
         parent = "/tmp"  # noqa: S108  # mkdtemp makes a folder in it that is ours alone
-    return tempfile.mkdtemp(prefix="exumi-ray-", dir=parent)
+    _remove_left_behind(Path(parent))
+    folder = tempfile.mkdtemp(prefix=_PREFIX, dir=parent)
+    try:
+        # Held as long as this process lives, however it ends; those it starts do not inherit it.
+        with Path(folder, _IN_USE).open("xb") as mark:
+            fcntl.flock(mark, fcntl.LOCK_EX)
+            yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _remove_left_behind(parent: Path) -> None:
+    """Remove folders of this user's whose program is gone."""
+    for folder in parent.glob(f"{_PREFIX}*"):
+        with suppress(OSError):
+            info = folder.lstat()
+            if not stat.S_ISDIR(info.st_mode) or info.st_uid != os.getuid():
+                continue
+            with Path(folder, _IN_USE).open("rb") as mark:
+                if time.time() - os.fstat(mark.fileno()).st_mtime < _JUST_MADE_S:
+                    continue  # somebody may be about to lock it
+                fcntl.flock(mark, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises where one is alive
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Pass over a second Ctrl-C for a moment: Ray's processes would be left behind."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _set_handler(handler: Any) -> None:

@@ -5,16 +5,17 @@ by the workers: the nodes must see the same files under the same paths.
 """
 
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from exumi_data.engine.outcome import Outcome
 from exumi_data.engine.ray_cluster import cluster, ray_module
-from exumi_data.engine.ray_nodes import check_nodes, working_nodes
+from exumi_data.engine.ray_nodes import check_nodes, node_name, problems_of, working_nodes
 from exumi_data.engine.ray_worker import run_item
 from exumi_data.engine.work import CLEAN_UP_S
 from exumi_data.errors import ExumiError
@@ -26,6 +27,7 @@ Value = TypeVar("Value")
 
 _QUEUED_PER_WORKER = 4
 _ATTEMPTS = 3
+_NODE = "ray.io/node-id"  # a label that every node has
 _LOOK_AGAIN_S = 5.0  # nodes may join while we work
 
 
@@ -70,7 +72,36 @@ def ray_engine(
     with cluster(address, workers) as own:
         check_nodes(reads, writes)
         nodes = working_nodes()
-        yield RayEngine(len(nodes), int(sum(node["Resources"]["CPU"] for node in nodes)), own=own)
+        processors = int(sum(node["Resources"]["CPU"] for node in nodes))
+        late = _Latecomers(reads, writes, {node["NodeID"] for node in nodes})
+        yield RayEngine(len(nodes), processors, own=own, _late=late)
+
+
+class _Latecomers:
+    """Nodes that joined after the others were asked; those that cannot take part get nothing."""
+
+    def __init__(self, reads: Sequence[Path], writes: Sequence[Path], known: set[str]) -> None:
+        self._reads = reads
+        self._writes = writes
+        self._known = known
+        self.refused: list[str] = []
+
+    def look(self) -> int:
+        """Ask the nodes that are new; return how many processors there are for us."""
+        nodes = working_nodes()
+        new = [node for node in nodes if node["NodeID"] not in self._known]
+        self._known |= {node["NodeID"] for node in new}
+        found = problems_of(new, self._reads, self._writes) if new else {}
+        for node in new:
+            if problems := found[node_name(node)]:
+                self.refused.append(node["NodeID"])
+                warnings.warn(
+                    f"a node that joined the Ray cluster is given no more work, for it cannot do "
+                    f"this: {node_name(node)}: {'; '.join(problems)}",
+                    stacklevel=2,
+                )
+        ours = [node for node in nodes if node["NodeID"] not in self.refused]
+        return int(sum(node["Resources"]["CPU"] for node in ours))
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +119,7 @@ class RayEngine:
     nodes: int
     processors: int
     own: bool
+    _late: _Latecomers = field(repr=False)
 
     def map_items(
         self, function: Callable[[Item], Value], items: Iterable[Item], *, workers: int | None
@@ -108,7 +140,7 @@ class RayEngine:
         ------
         Outcome
         """
-        return _Map(function, workers).run(items)
+        return _Map(function, workers, self._late).run(items)
 
 
 @dataclass(slots=True)
@@ -120,13 +152,17 @@ class _Attempt(Generic[Item]):
 class _Map(Generic[Item, Value]):
     """One map: what is under way, and what has to be tried again."""
 
-    def __init__(self, function: Callable[[Item], Value], workers: int | None) -> None:
+    def __init__(
+        self, function: Callable[[Item], Value], workers: int | None, late: _Latecomers
+    ) -> None:
         self._ray = ray_module()
-        # Ray's own retries go on for ever where memory runs out.
-        self._task = self._ray.remote(num_cpus=1, max_retries=0)(
+        # Ray's own retries go on for ever where memory runs out. By its own choice of nodes the
+        # one that the program runs on gets what comes, and others stand idle for seconds.
+        self._task = self._ray.remote(num_cpus=1, max_retries=0, scheduling_strategy="SPREAD")(
             _task_of(function, str(Path.cwd()))
         )
         self._workers = workers
+        self._late = late
         self._pending: dict[Any, _Attempt[Item]] = {}
         self._again: deque[_Attempt[Item]] = deque()
         self._room = 0
@@ -162,7 +198,7 @@ class _Map(Generic[Item, Value]):
         now = time.monotonic()
         if now - self._looked_s >= _LOOK_AGAIN_S:
             self._looked_s = now
-            processors = int(self._ray.cluster_resources().get("CPU", 0))
+            processors = self._late.look()
             self._room = _QUEUED_PER_WORKER * max(processors, 1)
             if self._workers is not None and self._workers < processors:
                 self._room = self._workers
@@ -170,7 +206,10 @@ class _Map(Generic[Item, Value]):
 
     def _submit(self, attempt: _Attempt[Item]) -> Outcome[Item, Value] | None:
         try:
-            reference = self._task.remote(attempt.item)
+            task = self._task
+            if refused := self._late.refused:
+                task = task.options(label_selector={_NODE: f"!in({','.join(refused)})"})
+            reference = task.remote(attempt.item)
         except Exception as error:  # noqa: BLE001  # whatever the pickling of a third party's object raises
             # The function or the item cannot be sent between processes.
             return Outcome(attempt.item, None, _unsendable(error))

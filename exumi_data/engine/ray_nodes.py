@@ -12,7 +12,7 @@ from exumi_data.engine.ray_cluster import ray_module
 from exumi_data.engine.ray_worker import NodeReport, look_around
 from exumi_data.errors import UsageError
 
-__all__ = ["check_nodes", "working_nodes"]
+__all__ = ["check_nodes", "node_name", "problems_of", "working_nodes"]
 
 _ANSWERS_WITHIN_S = 60.0
 _SEEN_WITHIN_S = 5.0  # a file that is new is not seen at once on every network file system
@@ -39,23 +39,8 @@ def check_nodes(reads: Sequence[Path], writes: Sequence[Path]) -> None:
     UsageError
         Names each node that cannot take part, and why.
     """
-    nodes = working_nodes()
-    folders = {str(_existing(path)) for path in writes}
-    # What is not here either, the command itself will name.
-    paths = {str(path.absolute()) for path in reads if path.exists()}
-    if any(not path.is_absolute() for path in (*reads, *writes)):
-        paths.add(str(Path.cwd()))
-    with _marked(sorted(folders)) as marks:
-        asked = {
-            _name(node): _ask(node, sorted({*paths, *marks}), sorted(folders)) for node in nodes
-        }
-        here = look_around((), ())
-        wrong = [
-            f"{name}: {problem}"
-            for name, answer in asked.items()
-            for problem in _problems(answer, here, marks)
-        ]
-    if wrong:
+    found = problems_of(working_nodes(), reads, writes)
+    if wrong := [f"{name}: {problem}" for name, problems in found.items() for problem in problems]:
         raise UsageError(
             "not every node of the Ray cluster can do this: " + "; ".join(wrong),
             fix="Each needs this version of exumi-data, and the same files under the same paths "
@@ -63,7 +48,38 @@ def check_nodes(reads: Sequence[Path], writes: Sequence[Path]) -> None:
         )
 
 
-def _name(node: Mapping[str, Any]) -> str:
+def problems_of(
+    nodes: Sequence[Mapping[str, Any]], reads: Sequence[Path], writes: Sequence[Path]
+) -> dict[str, list[str]]:
+    """Say why nodes cannot take part.
+
+    Parameters
+    ----------
+    nodes : sequence of mapping
+        As `working_nodes` gives them.
+    reads, writes : sequence of pathlib.Path
+        As of `check_nodes`.
+
+    Returns
+    -------
+    dict of str to list of str
+        For each node, as it is named in messages: nothing where it can.
+    """
+    folders = {str(_existing(path)) for path in writes}
+    # What is not here either, the command itself will name.
+    paths = {str(path.absolute()) for path in reads if path.exists()}
+    if any(not path.is_absolute() for path in (*reads, *writes)):
+        paths.add(str(Path.cwd()))
+    with _marked(sorted(folders)) as marks:
+        asked = {
+            node_name(node): _ask(node, sorted({*paths, *marks}), sorted(folders)) for node in nodes
+        }
+        here = look_around((), ())
+        return {name: list(_problems(answer, here, marks)) for name, answer in asked.items()}
+
+
+def node_name(node: Mapping[str, Any]) -> str:
+    """Return what a node is called in messages."""
     host, address = node["NodeManagerHostname"], node["NodeManagerAddress"]
     return f"node {host} ({address}, {node['NodeID'][:8]})"
 

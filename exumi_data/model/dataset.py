@@ -49,6 +49,8 @@ class Release(Model):
     """The release that `CHANGELOG.md` compares with."""
     published: Day | None = None
     """The day, `YYYY-MM-DD`."""
+    url: Annotated[str, Field(pattern=r"^https?://\S+$", max_length=2048)] | None = None
+    """Where it can be had."""
 
 
 class DatasetMetadata(Model):

@@ -5,6 +5,7 @@ machine or the number of processes: the same dataset gives the same bytes.
 """
 
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,6 @@ from exumi_data.errors import DamagedDataError, UsageError
 from exumi_data.leftovers import clean_leftovers
 from exumi_data.manifest import MANIFEST_NAME, sha256_of, write_manifest
 from exumi_data.model.documents import dump
-from exumi_data.release.card import Finding
 from exumi_data.release.changelog import CHANGELOG_NAME, changelog_of
 from exumi_data.release.changes import Changes, compare
 from exumi_data.release.describing import describe
@@ -61,11 +61,12 @@ class Built:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """A finding of the validator, as the card tells it."""
+    """What the validator found by one rule, as the card tells it."""
 
     code: str
     severity: str
     message: str
+    count: int
 
 
 def partial_folder(target: Path) -> Path:
@@ -124,9 +125,7 @@ def build_release(
         )
         changes = _write_documents(work, plan, packed, workers)
         preview = _write_preview(work, plan, packed)
-        report = plan.judgement.report
-        findings = None if report is None else [_told(one, plan) for one in report.counted]
-        describe(work, findings, workers=workers)
+        describe(work, _findings(plan), workers=workers)
         manifest = write_manifest(work, {one.path: one.listed for one in packed})
         _check(work, judge)
         built = Built(
@@ -144,10 +143,19 @@ def build_release(
     return built
 
 
-def _told(found: Finding, plan: Plan) -> Told:
-    """Return what the card tells of a finding: it was made before anything was taken out."""
-    message = found.message if plan.removal is None else plan.removal.cleaned(found.message)
-    return Told(found.code, found.severity, message)
+def _findings(plan: Plan) -> list[Told] | None:
+    """Return what the card tells of the findings, which were made before anything was taken out."""
+    report = plan.judgement.report
+    if report is None:
+        return None
+    # Of each rule the first findings are listed; the others are only counted.
+    counts = Counter[str](report.not_listed)
+    counts.update(one.code for one in report.counted)
+    first = {one.code: one for one in reversed(report.counted)}
+    cleaned = (lambda text: text) if plan.removal is None else plan.removal.cleaned
+    return [
+        Told(code, one.severity, cleaned(one.message), counts[code]) for code, one in first.items()
+    ]
 
 
 def _clear(work: Path, plan: Plan) -> None:

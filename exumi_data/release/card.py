@@ -38,10 +38,11 @@ _ALT = {
     "signals.png": "Signals of one episode over time",
 }
 _MOST_THINGS = 20
+_LONGEST_PARAGRAPH = 5000
 
 
 class Finding(Protocol):
-    """A finding of a validator."""
+    """What a validator found by one rule, once or more often."""
 
     @property
     def code(self) -> str:
@@ -55,7 +56,12 @@ class Finding(Protocol):
 
     @property
     def message(self) -> str:
-        """What is wrong."""
+        """What is wrong, the first time."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """How often."""
         ...
 
 
@@ -139,7 +145,7 @@ def _head(dataset: Dataset, pictures: dict[str, bytes]) -> Iterator[str]:
     yield from (f"# {plain(dataset.metadata.name)}", "")
     if dataset.metadata.description:
         for paragraph in dataset.metadata.description.split("\n\n"):
-            yield from (plain(paragraph), "")
+            yield from (plain(paragraph, most=_LONGEST_PARAGRAPH), "")
     for name in pictures:
         yield from (f"![{_ALT[name]}]({PICTURES_FOLDER}/{name})", "")
 
@@ -291,7 +297,9 @@ def _findings(findings: Sequence[Finding] | None) -> list[str]:
         return []
     if not findings:
         return ["`exumi validate` found nothing to complain about.", ""]
-    counts: Counter[tuple[str, str]] = Counter((one.severity, one.code) for one in findings)
+    counts: Counter[tuple[str, str]] = Counter()
+    for one in findings:
+        counts[one.severity, one.code] += one.count
     first = {(one.severity, one.code): one.message for one in reversed(findings)}
     order = {"error": 0, "warning": 1, "info": 2}
     rows = [

@@ -1,6 +1,5 @@
 """The head of a dataset card: YAML that the Hugging Face hub reads."""
 
-import json
 import re
 from typing import Any
 
@@ -8,6 +7,7 @@ from exumi_data.catalog import CATALOG_NAME
 from exumi_data.dataset import Dataset
 from exumi_data.model.episode import UNKNOWN_LICENCE
 from exumi_data.release.facts import Facts
+from exumi_data.release.yaml_text import yaml_text
 
 __all__ = ["header_of", "hub_licence"]
 
@@ -136,9 +136,13 @@ def _size(count: int) -> str:
 
 
 def _yaml(value: Any) -> str:
-    # JSON is YAML; plain words are easier to read.
-    is_word = isinstance(value, str) and re.fullmatch(r"[a-z][a-z0-9.-]*[a-z0-9]", value)
-    return value if is_word and value not in _NO_WORDS else json.dumps(value, ensure_ascii=False)
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key}: {_yaml(one)}' for key, one in value.items())}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(_yaml(one) for one in value)}]"
+    # Plain words are easier to read.
+    is_word = re.fullmatch(r"[a-z][a-z0-9.-]*[a-z0-9]", value) and value not in _NO_WORDS
+    return value if is_word else yaml_text(value)
 
 
 _NO_WORDS = frozenset(("yes", "no", "on", "off", "true", "false", "null"))

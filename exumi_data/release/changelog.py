@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 
 from exumi_data.release.changes import Changes, EpisodeChange, Kind
+from exumi_data.release.markdown import amount, plain
 from exumi_data.release.privacy import Removal
 from exumi_data.release.privacy.documents import without_private_fields
 
@@ -55,11 +56,15 @@ def changelog_of(
         lines.append("The first release.")
     else:
         said = list(change_lines(changes, hidden=out)) or ["Nothing changed in the data."]
-        lines += [f"Compared with {previous}:", "", *(f"- {line}" for line in said)]
+        lines += [
+            f"Compared with {previous}:",
+            "",
+            *(f"- {plain(line, most=None)}" for line in said),
+        ]
     entry = "\n".join(lines) + "\n"
     before = "" if older is None else older[older.find("\n## ") + 1 :] if "\n## " in older else ""
     before = out.cleaned(before)
-    head = f"# Changes of {' '.join(name.split())}\n\n"
+    head = f"# Changes of {plain(name)}\n\n"
     return head + entry + (f"\n{before}" if before else "")
 
 
@@ -78,13 +83,19 @@ def change_lines(changes: Changes, *, hidden: Removal | None = None) -> Iterator
             alike.setdefault(
                 _fields(one.fields, hidden) if kind == "relabelled" else "", []
             ).append(one)
-        for fields, same in alike.items():
-            count = f"{len(same)} episode{'s' if len(same) > 1 else ''} {words}"
-            yield f"{count}{fields}: {_named([one.id for one in same])}"
+        listed = list(alike.items())
+        if len(listed) > _SHOWN:  # a line an episode would be no changelog
+            listed.sort(key=lambda item: -len(item[1]))
+        for fields, same in listed[:_SHOWN]:
+            count = amount(len(same), "episode")
+            yield f"{count} {words}{fields}: {_named([one.id for one in same])}"
+        others = sorted(one.id for _, same in listed[_SHOWN:] for one in same)
+        if others:
+            yield f"{amount(len(others), 'episode')} {words}, in other ways: {_named(others)}"
     for split in changes.splits:
         if split.kind == "changed":
-            many = len(split.episodes)
-            yield f"split {split.name}: {many} episodes in another list: {_named(split.episodes)}"
+            many = amount(len(split.episodes), "episode")
+            yield f"split {split.name}: {many} in another list: {_named(split.episodes)}"
         else:
             yield f"split {split.name} {split.kind}"
     for key, (before, after) in changes.document.items():

@@ -3,13 +3,13 @@
 What ``dataset.json`` does not say is left out; nothing is made up.
 """
 
-import json
 import re
 from dataclasses import dataclass
 
 from exumi_data.errors import UsageError
 from exumi_data.model.dataset import DatasetMetadata
 from exumi_data.model.episode import UNKNOWN_LICENCE
+from exumi_data.release.yaml_text import yaml_text
 
 __all__ = ["CITATION_NAME", "Edition", "bibtex_of", "cff_of", "edition_of"]
 
@@ -18,6 +18,17 @@ CITATION_NAME = "CITATION.cff"
 _DATE = re.compile(r"\d{4}-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])")
 _SPDX_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*")
 _DOI = re.compile(r"\b10\.\d{4,9}/[^\s\"'<>{},;]*[^\s\"'<>{},;.]")
+_CFF_DOI = re.compile(r"10\.\d{4,9}(\.\d+)?/[A-Za-z0-9:/_;\-.()\[\]\\]+")
+_CFF_EMAIL = re.compile(r"\S+@\S+\.\S{2,}")
+# Of the format's list what data have; of others the address is told.
+_LICENCES = re.compile(
+    r"CC-BY(-NC|-NC-ND|-NC-SA|-ND|-SA)?-(1\.0|2\.0|2\.5|3\.0|4\.0)|CC0-1\.0|0BSD|AFL-3\.0|Apache-2\.0"
+    r"|Artistic-2\.0|BSD-[23]-Clause|BSL-1\.0|C-UDA-1\.0|CDLA-(Permissive|Sharing)-1\.0|EPL-[12]\.0"
+    r"|ECL-2\.0|EUPL-1\.[12]|ISC|MIT|MIT-0|MPL-2\.0|MS-PL|NCSA|O-UDA-1\.0|ODC-By-1\.0|ODbL-1\.0"
+    r"|OFL-1\.1|OGL-UK-[123]\.0|OSL-3\.0|PDDL-1\.0|PostgreSQL|Unlicense|WTFPL|Zlib|etalab-2\.0"
+    r"|A?GPL-3\.0-(only|or-later)|LGPL-(2\.1|3\.0)-(only|or-later)|GPL-2\.0-(only|or-later)"
+    r"|GFDL-1\.3-(only|or-later)"
+)
 # Words that are no part of a person's name: such authors are entities.
 _ENTITY = re.compile(
     r"\b(authors|center|centre|collaboration|consortium|contributors|foundation|group|inc|institute"
@@ -67,7 +78,7 @@ def edition_of(metadata: DatasetMetadata, edition: Edition | None = None) -> Edi
     return Edition(
         version=given.version or (release.version if release else None),
         published=given.published or (release.published if release else None),
-        url=given.url,
+        url=given.url or (release.url if release else None),
     )
 
 
@@ -84,28 +95,32 @@ def cff_of(metadata: DatasetMetadata, edition: Edition | None = None) -> str | N
     str or None
         None where no authors are named: the format has no file without them.
     """
-    if not metadata.authors:
+    people = [_person(author) for author in metadata.authors if author.strip()]
+    if not people:
         return None
     about = edition_of(metadata, edition)
+    doi = _doi(metadata.citation)
     lines = [
         "cff-version: 1.2.0",
-        f"message: {_quoted('If you use this dataset, please cite it.')}",
+        f"message: {yaml_text('If you use this dataset, please cite it.')}",
         "type: dataset",
-        f"title: {_quoted(metadata.name)}",
+        f"title: {yaml_text(metadata.name)}",
         "authors:",
     ]
-    for author in metadata.authors:
-        parts = [f"{key}: {_quoted(value)}" for key, value in _person(author).items()]
+    for number, person in enumerate(people):
+        if person in people[:number]:  # the format has nobody twice
+            continue
+        parts = [f"{key}: {yaml_text(value)}" for key, value in person.items()]
         lines += [f"  - {parts[0]}", *(f"    {part}" for part in parts[1:])]
     optional = {
         "abstract": metadata.description,
         "version": about.version,
         "date-released": about.published,
         "url": about.url,
-        "license": _spdx(metadata.licence),
-        "doi": _doi(metadata.citation),
+        **_licence(metadata.licence),
+        "doi": doi if doi and _CFF_DOI.fullmatch(doi) else None,
     }
-    lines += [f"{key}: {_quoted(value)}" for key, value in optional.items() if value]
+    lines += [f"{key}: {yaml_text(value)}" for key, value in optional.items() if value]
     return "\n".join(lines) + "\n"
 
 
@@ -149,7 +164,7 @@ def _person(author: str) -> dict[str, str]:
         given, _, family = name.rpartition(" ")
         found = {"family-names": family, "given-names": given.strip()}
     named = {key: value for key, value in found.items() if value} or {"name": name}
-    return named | ({"email": email} if email else {})
+    return named | ({"email": email} if email and _CFF_EMAIL.fullmatch(email) else {})
 
 
 def _without_email(author: str) -> tuple[str, str | None]:
@@ -171,17 +186,16 @@ def _key(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9-]+", "-", name).strip("-").lower() or "dataset"
 
 
-def _spdx(licence: str) -> str | None:
-    """Return a licence that the format knows: one of SPDX's, no expression, and not unknown."""
+def _licence(licence: str) -> dict[str, str]:
+    """Return the fields that say a licence: the format has a list of its own, older than SPDX's."""
     is_one = _SPDX_ID.fullmatch(licence) and not licence.startswith("LicenseRef-")
-    return licence if is_one and licence not in (UNKNOWN_LICENCE, "NONE") else None
+    if not is_one or licence in (UNKNOWN_LICENCE, "NONE"):
+        return {}
+    if _LICENCES.fullmatch(licence):
+        return {"license": licence}
+    return {"license-url": f"https://spdx.org/licenses/{licence.removesuffix('+')}.html"}
 
 
 def _doi(text: str | None) -> str | None:
     match = _DOI.search(text or "")
     return match[0] if match else None
-
-
-def _quoted(text: str) -> str:
-    """Return a text as a scalar of YAML: JSON's strings are YAML's."""
-    return json.dumps(text, ensure_ascii=False)

@@ -74,6 +74,15 @@ _CONFORMS_TO = ["http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croi
 _JSON = "application/json"
 _ZARR = "https://zarr-specs.readthedocs.io/en/latest/v3/core/index.html"
 _TYPES = {"string": "sc:Text", "int64": "cr:Int64", "double": "cr:Float64", "bool": "sc:Boolean"}
+_KNOWN_LISTS = {
+    "train": "cr:TrainingSplit",
+    "training": "cr:TrainingSplit",
+    "val": "cr:ValidationSplit",
+    "valid": "cr:ValidationSplit",
+    "validation": "cr:ValidationSplit",
+    "test": "cr:TestSplit",
+}
+"""What Croissant calls lists of splits that have one of its meanings."""
 _MEANING = {
     "id": "Id of the episode: it stays, whatever of the episode changes.",
     "path": "Path of the episode below the dataset.",
@@ -260,6 +269,7 @@ def _splits(dataset: Dataset) -> Iterator[dict[str, Any]]:
     rows = [
         {
             "splits/name": f"{name}/{part}",
+            "splits/url": _KNOWN_LISTS.get(part.lower()),
             "splits/level": split.level,
             "splits/episodes": len(ids),
             "splits/record_set": _list_id(name, part),
@@ -269,7 +279,13 @@ def _splits(dataset: Dataset) -> Iterator[dict[str, Any]]:
     ]
     if not rows:
         return
-    types = {"name": "sc:Text", "level": "sc:Text", "episodes": "cr:Int64", "record_set": "sc:Text"}
+    types = {
+        "name": "sc:Text",
+        "url": "sc:URL",  # the specification says cr:Split, which mlcroissant refuses of a field
+        "level": "sc:Text",
+        "episodes": "cr:Int64",
+        "record_set": "sc:Text",
+    }
     yield {
         "@type": "cr:RecordSet",
         "@id": "splits",

@@ -9,7 +9,7 @@ from exumi_data.errors import DamagedDataError, LimitError, UsageError
 from exumi_data.model.episode import UNKNOWN_LICENCE
 from exumi_data.store.plain_files import read_plain
 
-__all__ = ["LICENCE_NAME", "canonical_licence", "find_licence_text"]
+__all__ = ["LICENCE_NAME", "canonical_licence", "find_licence_text", "stated_licence"]
 
 LICENCE_NAME = "LICENSE"
 """The name that everybody looks for."""
@@ -62,6 +62,23 @@ def canonical_licence(text: str) -> str:
             fix="Say one of https://spdx.org/licenses, such as CC-BY-4.0, or LicenseRef-<name> "
             "for a licence of your own.",
         ) from None
+
+
+def stated_licence(text: str) -> str:
+    """Return what data may state as their licence, released or not: it may also be not known.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``cc-by-4.0``, or SPDX's words ``NOASSERTION`` and ``NONE``.
+
+    Raises
+    ------
+    UsageError
+        It is no SPDX licence expression.
+    """
+    word = text.strip().upper()
+    return word if word in (UNKNOWN_LICENCE, "NONE") else canonical_licence(text)
 
 
 def find_licence_text(source: Path, file: Path | None, expression: str) -> bytes:

@@ -6,15 +6,30 @@ from collections.abc import Iterable, Sequence
 
 __all__ = ["amount", "bytes_text", "code_block", "duration", "listed", "plain", "table"]
 
-_MARKUP = re.compile(r"([\\`*_{}\[\]#|~$])")
+# A line below between letters, as in object_id, is no mark-up.
+_MARKUP = re.compile(r"([\\`*{}\[\]#|~$]|(?<![A-Za-z0-9])_|_(?![A-Za-z0-9]))")
+# At its beginning, a line that is one of a list, a rule, or the mark of a heading above it.
+_BEGINNING = re.compile(r"^([-+=](?=[-+= ]|$)|\d{1,9}(?=[.)](?: |$)))")
 _MOST = 400
 
 
-def plain(text: object) -> str:
-    """Return a text that reads as itself, on one line."""
+def plain(text: object, *, most: int | None = _MOST) -> str:
+    """Return a text that reads as itself, on one line.
+
+    Parameters
+    ----------
+    text : object
+    most : int or None
+        Letters; what is beyond is cut off.
+    """
     line = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
-    line = line if len(line) <= _MOST else f"{line[: _MOST - 1]}…"
-    return _MARKUP.sub(r"\\\1", html.escape(line, quote=False))
+    line = line if most is None or len(line) <= most else f"{line[: most - 1]}…"
+    escaped = _MARKUP.sub(r"\\\1", html.escape(line, quote=False))
+    return _BEGINNING.sub(lambda found: _escaped_beginning(found[1]), escaped)
+
+
+def _escaped_beginning(text: str) -> str:
+    return f"{text}\\" if text.isdecimal() else f"\\{text}"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]], *, most: int = 30) -> list[str]:

@@ -1,6 +1,6 @@
 """What a release will be, decided before anything is written; all that forbids it, at once."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from exumi_data.dataset import open_dataset
 from exumi_data.editing.copying import Chosen, chosen_of
 from exumi_data.errors import ExumiError, UsageError
+from exumi_data.manifest import check_listable
 from exumi_data.model.dataset import DatasetMetadata, Release, SplitDocument
 from exumi_data.model.documents import MAX_DOCUMENT_BYTES
 from exumi_data.release.changelog import CHANGELOG_NAME
@@ -79,6 +80,14 @@ class Wishes:
         With it, names that are removed become pseudonyms.
     published : str or None
         The day, ``YYYY-MM-DD``; it is not taken from the clock, or no two releases were alike.
+    authors : tuple of str
+        Whom to cite; none: what ``dataset.json`` says, as of the next two.
+    description : str or None
+        What the data are, in Markdown.
+    citation : str or None
+        How to cite them: BibTeX, or a text.
+    url : str or None
+        Where the release can be had.
     """
 
     licence: str | None = None
@@ -91,6 +100,10 @@ class Wishes:
     remove: tuple[str, ...] = ()
     pseudonym_key: bytes | None = None
     published: str | None = None
+    authors: tuple[str, ...] = ()
+    description: str | None = None
+    citation: str | None = None
+    url: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,6 +209,7 @@ def plan_release(
     removal = tried(lambda: _removal(source, private, wishes, workers), None)
     if removal is not None:
         metadata = dataset_without_private(metadata, removal)[0]
+    _describe(metadata, wishes)
     splits = tried(lambda: _splits(dataset, wishes.split), {})
     keys = _keys(dataset)
     problems += [leak for one in splits.values() for leak in leaks_of(one, keys)]
@@ -218,14 +232,14 @@ def plan_release(
             metadata.release = Release(version=version)
             if before is not None:
                 metadata.release.previous = before
-            tried(lambda: _publish(metadata, wishes.published), None)
+            tried(lambda: _publish(metadata, wishes), None)
+    tried(lambda: check_listable(len(dataset), source), None)
     if not dataset.ids:
         problems.append(f"{source}: there are no episodes")
     preview = _preview(dataset, wishes, splits)
     if wishes.preview_bytes and not preview and dataset.ids:
         notices.append(f"no episode fits into a preview of {wishes.preview_bytes:,} bytes")
-    if wishes.published is None:
-        notices.append("it does not say when it is published: --published YYYY-MM-DD")
+    notices += _unsaid(metadata, wishes)
     return Plan(
         source=source,
         target=target,
@@ -272,22 +286,56 @@ def _undecided(private: list[PrivateItem], wishes: Wishes) -> list[str]:
         at = " ".join(filter(None, (items[0].episode, items[0].where)))
         told = f"{kind} {value!r} in {len(items):,} place(s), such as {at} ({why})"
         if kind in wishes.remove:
-            said.append(f"{told} cannot be taken out: --keep {kind}, or leave it out yourself")
+            said.append(f"{told} cannot be taken out: --keep {kind}, or {_by_hand(items[0].where)}")
         else:
             said.append(f"{told}: --keep {kind}, or --remove {kind}")
     said += [
         f"{one.kind} {one.value!r} in {one.where} cannot be taken out of a split: make it anew"
         for one in private
-        if one.kind in wishes.remove and one.where.startswith("splits/")
+        if one.kind in wishes.remove and one.removable and one.where.startswith("splits/")
     ]
     return said
 
 
-def _publish(metadata: DatasetMetadata, day: str | None) -> None:
-    if day is None or metadata.release is None:
+def _by_hand(where: str) -> str:
+    """Say how what cannot be taken out here is taken out elsewhere."""
+    if where.startswith("splits/"):
+        return "make the split anew"
+    if "#" in where:
+        return "give it another name (exumi dataset relabel, or where it was made)"
+    return (
+        "take it out of the source file (ffmpeg -i IN -map 0 -c copy -map_metadata -1 OUT) and "
+        "convert that"
+    )
+
+
+def _describe(metadata: DatasetMetadata, wishes: Wishes) -> None:
+    """Say of a dataset what the user says of it, and nobody else has to allow."""
+    metadata.authors = list(wishes.authors) or metadata.authors
+    metadata.description = wishes.description or metadata.description
+    metadata.citation = wishes.citation or metadata.citation
+
+
+def _publish(metadata: DatasetMetadata, wishes: Wishes) -> None:
+    if metadata.release is None:
         return
-    Edition(published=day)  # refuses what is no day
-    metadata.release.published = day
+    Edition(published=wishes.published, url=wishes.url)  # refuses what is no day and no address
+    if wishes.published is not None:
+        metadata.release.published = wishes.published
+    if wishes.url is not None:
+        metadata.release.url = wishes.url
+
+
+def _unsaid(metadata: DatasetMetadata, wishes: Wishes) -> Iterator[str]:
+    """Yield what a stranger will miss."""
+    if not metadata.authors:
+        yield "it names no authors, so nobody knows whom to cite: --author NAME"
+    if not metadata.description:
+        yield "it does not say what it is: --description TEXT"
+    if wishes.published is None:
+        yield "it does not say when it is published: --published YYYY-MM-DD"
+    if wishes.url is None:
+        yield "it does not say where it can be had: --url https://..."
 
 
 def _removal(

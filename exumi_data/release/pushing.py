@@ -15,7 +15,8 @@ from exumi_data._version import __version__
 from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.errors import DamagedDataError, ExumiError, MissingExtraError, UsageError
 from exumi_data.manifest import MANIFEST_NAME, sha256_of
-from exumi_data.model.documents import MAX_DOCUMENT_BYTES, parse_manifest
+from exumi_data.model.dataset import Release
+from exumi_data.model.documents import MAX_DOCUMENT_BYTES, parse_dataset, parse_manifest
 from exumi_data.model.manifest import Manifest
 from exumi_data.release.judging import Judge
 from exumi_data.release.verifying import verify_release
@@ -48,6 +49,9 @@ class Pushed:
     files : int
     removed : tuple of str
         Files of the release before it that are gone from the newest state. Its tag keeps them.
+    replaced : tuple of str
+        Files that were there and belonged to no release, such as a README written by hand: the
+        release has its own of that name. The repository's history keeps them.
     others : tuple of str
         Files there that belong to no release, and stay.
     already : bool
@@ -59,6 +63,7 @@ class Pushed:
     tag: str
     files: int
     removed: tuple[str, ...]
+    replaced: tuple[str, ...]
     others: tuple[str, ...]
     already: bool
 
@@ -102,7 +107,8 @@ def push_release(
     DamagedDataError
         It is not as it was released, or not valid: nothing was sent.
     UsageError
-        It states no version, or another release of this version is published.
+        It states no version; or another release of this version, a later one, or another dataset
+        is published there.
     MissingExtraError
         ``huggingface_hub`` is not installed.
     ExumiError
@@ -165,7 +171,7 @@ def _publish(
     tags = {one.name: one for one in api.list_repo_refs(repository, repo_type=_KIND).tags}
     names = [*(one.path for one in manifest.files), MANIFEST_NAME]
     if tag in tags:
-        published = _remote_manifest(api, repository, tag)
+        published = _remote(api, repository, tag)
         if published is None or published != (root / MANIFEST_NAME).read_bytes():
             raise UsageError(
                 f"another release {tag} is published there",
@@ -173,16 +179,22 @@ def _publish(
                 fix="What is published under a version stays. Release it under a later one.",
             )
         commit = tags[tag].target_commit
-        return Pushed(url, commit, tag, len(names), (), (), already=True)
+        return Pushed(url, commit, tag, len(names), (), (), (), already=True)
     there = set(api.list_repo_files(repository, repo_type=_KIND))
-    before = _remote_manifest(api, repository, "main") if MANIFEST_NAME in there else None
-    gone = sorted(there & set(_listed(before)) - set(names))
+    before = _remote(api, repository, "main") if MANIFEST_NAME in there else None
+    if DATASET_DOCUMENT in there:
+        _refuse_other_data(root, repository, _remote(api, repository, "main", DATASET_DOCUMENT))
+    of_release = {MANIFEST_NAME, *_listed(before)}
+    gone = sorted(there & of_release - set(names))
+    replaced = sorted(there & set(names) - of_release)
     others = sorted(path for path in there - set(names) - set(gone) if not path.startswith("."))
     additions = _upload(api, root, repository, manifest, on_progress)
     deletions = [CommitOperationDelete(path) for path in gone]
     commit = _commit(api, repository, additions, deletions, f"Release {tag}")
     api.create_tag(repository, tag=tag, revision=commit, repo_type=_KIND)
-    return Pushed(url, commit, tag, len(names), tuple(gone), tuple(others), already=False)
+    return Pushed(
+        url, commit, tag, len(names), tuple(gone), tuple(replaced), tuple(others), already=False
+    )
 
 
 def _upload(
@@ -248,13 +260,43 @@ def _commit(
     return commit
 
 
-def _remote_manifest(api: "HfApi", repository: str, revision: str) -> bytes | None:
+def _refuse_other_data(root: Path, repository: str, published: bytes | None) -> None:
+    """Refuse to take the place of another dataset, or of a later release of this one."""
+    try:
+        there = parse_dataset(published or b"", DATASET_DOCUMENT)
+    except ExumiError:
+        return  # whatever it is, it is none of ours
+    here = parse_dataset(read_plain(root / DATASET_DOCUMENT, MAX_DOCUMENT_BYTES), root)
+    if there.name != here.name:
+        raise UsageError(
+            f"another dataset is published there: {there.name!r}, and this is {here.name!r}",
+            where=repository,
+            fix="Name another repository.",
+        )
+    if there.release is None or here.release is None:
+        return
+    if _numbers(there.release) > _numbers(here.release):
+        raise UsageError(
+            f"a later release is published there: {there.release.version}, and this is "
+            f"{here.release.version}",
+            where=repository,
+            fix="What is newest there stays so: release the data under a later version.",
+        )
+
+
+def _numbers(release: Release) -> tuple[int, ...]:
+    return tuple(int(number) for number in release.version.split("."))
+
+
+def _remote(
+    api: "HfApi", repository: str, revision: str, name: str = MANIFEST_NAME
+) -> bytes | None:
     from huggingface_hub.errors import EntryNotFoundError, LocalEntryNotFoundError
 
     with tempfile.TemporaryDirectory() as folder:
         try:
             path = api.hf_hub_download(
-                repository, MANIFEST_NAME, repo_type=_KIND, revision=revision, local_dir=folder
+                repository, name, repo_type=_KIND, revision=revision, local_dir=folder
             )
         except LocalEntryNotFoundError:  # the server was not reached: who knows
             raise
@@ -321,6 +363,8 @@ def _reported(repository: str) -> Iterator[None]:
             cause = cause.__cause__
         status = getattr(getattr(cause, "response", None), "status_code", None)
         fix = "What was uploaded is kept. Run the same command again."
+        if status == 429 or (status is not None and status >= 500):
+            fix = f"The server is busy or broken: wait some minutes. {fix}"
         if status in (401, 403):
             fix = f"Log in with an account that may write there (hf auth login, or HF_TOKEN). {fix}"
         what = str(cause).strip().partition("\n")[0] or type(cause).__name__

@@ -16,7 +16,7 @@ from typing import Self, TextIO
 
 from exumi_data.stopping import Stopped
 
-__all__ = ["FileState", "VerifyState", "state_folder"]
+__all__ = ["FileState", "VerifyState", "stamp_of", "state_folder"]
 
 _FORGOTTEN_AFTER_S = 24 * 3600.0
 
@@ -29,7 +29,8 @@ class FileState:
     ----------
     path : str
         Relative to the release.
-    bytes, mtime_ns : int
+    bytes : int
+    stamp : tuple of int
         Which the file had then: it is read again when it has others.
     sha256 : str or None
         None where it could not be read.
@@ -41,10 +42,20 @@ class FileState:
 
     path: str
     bytes: int
-    mtime_ns: int
+    stamp: tuple[int, ...]
     sha256: str | None
     digest: str | None
     problem: str | None
+
+
+def stamp_of(found: os.stat_result) -> tuple[int, ...]:
+    """Return what changes when a file does: also where its date is set back, or one takes its name.
+
+    Parameters
+    ----------
+    found : os.stat_result
+    """
+    return (found.st_mtime_ns, found.st_ctime_ns, found.st_ino)
 
 
 def state_folder() -> Path:
@@ -125,9 +136,7 @@ class VerifyState:
             there = (root / path).lstat()
         except OSError:
             return None
-        return (
-            known if (there.st_size, there.st_mtime_ns) == (known.bytes, known.mtime_ns) else None
-        )
+        return known if (there.st_size, stamp_of(there)) == (known.bytes, known.stamp) else None
 
     def put(self, state: FileState) -> None:
         """Remember what was read of a file.
@@ -147,7 +156,8 @@ class VerifyState:
     def _read(self) -> None:
         for line in self._path.read_text("utf-8", errors="replace").splitlines():
             try:
-                state = FileState(**json.loads(line))
-            except (ValueError, TypeError):
+                entry = json.loads(line)
+                state = FileState(**{**entry, "stamp": tuple(entry["stamp"])})
+                self._known[state.path] = state
+            except (ValueError, TypeError, KeyError):
                 continue
-            self._known[state.path] = state

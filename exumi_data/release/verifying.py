@@ -17,7 +17,7 @@ from exumi_data.model.documents import (
     parse_manifest,
 )
 from exumi_data.model.manifest import Manifest, ManifestFile
-from exumi_data.release.verify_state import FileState, VerifyState
+from exumi_data.release.verify_state import FileState, VerifyState, stamp_of
 from exumi_data.release.verify_structure import PACKED, Finding, structure_of
 from exumi_data.store.access import open_store
 from exumi_data.store.digest import digest_of
@@ -227,7 +227,7 @@ def _read_all(
     for outcome in outcomes:
         path = outcome.item[0]
         if outcome.value is None:
-            now = FileState(path, 0, 0, None, None, _reason(outcome.error))
+            now = FileState(path, 0, (), None, None, _reason(outcome.error))
         else:
             now = outcome.value
             state.put(now)
@@ -256,7 +256,7 @@ def _read(item: tuple[str, bool], *, root: Path) -> FileState:
                 store.close()
         except ExumiError as error:
             problem = error.what
-    return FileState(path, size, before.st_mtime_ns, checksum, digest, problem)
+    return FileState(path, size, stamp_of(before), checksum, digest, problem)
 
 
 def _wrong_bytes(

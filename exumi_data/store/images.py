@@ -12,13 +12,17 @@ from typing import TYPE_CHECKING, Protocol, SupportsIndex, overload
 import numpy as np
 
 from exumi_data.errors import DamagedDataError, LimitError, UsageError
+from exumi_data.lazy import unlocked
 from exumi_data.model.images import ArrayImages, EncodedImages, VideoImages
 from exumi_data.store import jpeg
 from exumi_data.store.access import Store
+from exumi_data.store.array_file import open_bytes
 from exumi_data.store.shards import ArrayReader, crc32c, open_array
 from exumi_data.store.zarr_document import MAX_WHOLE_READ
 
 if TYPE_CHECKING:
+    from typing import IO
+
     from exumi_data.store.video import VideoFrames
 
 __all__ = [
@@ -34,6 +38,7 @@ MAX_FRAME_BYTES = 1 << 28
 """Size of the largest frame, decoded."""
 _OPEN_VIDEO_FILES = 2
 _MAX_VIDEO_BYTES = 8 << 30
+_WHOLE_VIDEO_BYTES = 8 << 20  # up to this a video file is read at once, beyond where it is needed
 
 
 class _Source(Protocol):
@@ -291,6 +296,7 @@ class ArrayFrames:
         return self._data.ranges(index * size, size)
 
 
+@unlocked
 class EncodedFrames:
     """Encoding ``encoded``: image files end to end."""
 
@@ -362,6 +368,7 @@ class EncodedFrames:
         return self._data.ranges(start, stop - start) if stop - start <= MAX_FRAME_BYTES else []
 
 
+@unlocked
 class VideoStreamFrames:
     """Encoding ``video``: container files, decoded from memory."""
 
@@ -422,13 +429,24 @@ class VideoStreamFrames:
 
     def container(self, file: int) -> bytes:
         """Return one container file's bytes, verbatim."""
+        start, stop = self._place(file)
+        return open_array(self.store, f"{self._path}/data").bytes_at(start, stop - start)
+
+    def _place(self, file: int) -> tuple[int, int]:
         if not 0 <= file < len(self._images.files):
             msg = f"video file {file} of {len(self._images.files)}"
             raise IndexError(msg)
         start, stop = int(self.offset[file]), int(self.offset[file + 1])
         if stop - start > _MAX_VIDEO_BYTES:
             raise LimitError(f"video file {file} has {stop - start:,} bytes", where=self._where)
-        return open_array(self.store, f"{self._path}/data").bytes_at(start, stop - start)
+        return start, stop
+
+    def _source(self, file: int) -> "bytes | IO[bytes]":
+        start, stop = self._place(file)
+        array = open_array(self.store, f"{self._path}/data")
+        if stop - start <= _WHOLE_VIDEO_BYTES or array.document.zstd:
+            return array.bytes_at(start, stop - start)
+        return open_bytes(array, start, stop)
 
     def read_into(self, index: int, out: np.ndarray) -> None:
         """Decode one frame."""
@@ -442,7 +460,7 @@ class VideoStreamFrames:
         video.frames.read_into(index - video.first, out)
 
     def ranges(self, index: int) -> list[tuple[str, int, int]]:
-        """Return nothing: a video file is read whole when its first frame is."""
+        """Return nothing: a video file is read when its frames are."""
         return []
 
     def _open_file(self, file: int) -> "_OpenVideo":
@@ -454,7 +472,7 @@ class VideoStreamFrames:
             raise DamagedDataError("`keyframe` points into another file", where=self._where)
         where = f"{self._where} ({self._images.files[file].name})"
         frames = VideoFrames(
-            self.container(file),
+            self._source(file),
             self.pts[first:last],
             keyframe,
             where,

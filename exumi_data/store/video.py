@@ -66,7 +66,7 @@ class FramePixels:
 
     def rgb(self, frame: VideoFrame) -> np.ndarray:
         """Return (H, W, 3) uint8 RGB, of which `to_grey` makes what `grey` gives, to a level."""
-        if _is_common(frame):  # rounded as well, in a seventh of the time
+        if _is_common(frame):  # rounded as well, and quicker
             planes = frame.to_ndarray()
             return np.asarray(cv2.cvtColor(planes, cv2.COLOR_YUV2RGB_I420), np.uint8)
         # Where grey is made of RGB, it does not matter how that is rounded.
@@ -81,9 +81,20 @@ class FramePixels:
         The luma of other colours than BT.601's weighs them otherwise than grey does, by tens of
         levels where they are strong: grey is made of RGB there, as it is of images.
         """
-        if frame.colorspace not in _BT601 and not is_grey(frame.format.name):
-            return np.asarray(cv2.cvtColor(self.rgb(frame), cv2.COLOR_RGB2GRAY), np.uint8)
-        return self.luma(frame)
+        if _luma_is_grey(frame):
+            return self.luma(frame)
+        return np.asarray(cv2.cvtColor(self.rgb(frame), cv2.COLOR_RGB2GRAY), np.uint8)
+
+    def stored_grey(self, frame: VideoFrame) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return (H, W) uint8 as cheaply as can be, and the table that makes of it what `grey` is.
+
+        The table is (256,) uint8, or None where there is nothing to change. Nothing is copied where
+        the frame has a plane of it: it is the frame's own memory then.
+        """
+        if not _luma_is_grey(frame):
+            return self.grey(frame), None
+        luma, is_full_range = self.stored_luma(frame)
+        return luma, None if is_full_range else LIMITED_TO_FULL
 
     def luma(self, frame: VideoFrame) -> np.ndarray:
         """Return (H, W) uint8, the frame's own Y in full range: for what is looked for in it."""
@@ -124,6 +135,11 @@ class FramePixels:
                 f"the metadata says {out.shape[1]}x{out.shape[0]}"
             )
         out[:] = pixels
+
+
+def _luma_is_grey(frame: VideoFrame) -> bool:
+    """Whether a frame's luma weighs the colours as grey does."""
+    return frame.colorspace in _BT601 or is_grey(frame.format.name)
 
 
 def _is_common(frame: VideoFrame) -> bool:
@@ -417,8 +433,8 @@ class VideoFrames:
 
     Parameters
     ----------
-    source : bytes or str
-        The file, or its path.
+    source : bytes, str or binary file
+        The file, its path, or something to read and seek in.
     pts : (N,) int64
         Presentation times of the frames.
     keyframe : (N,) int64
@@ -431,7 +447,7 @@ class VideoFrames:
 
     def __init__(
         self,
-        source: bytes | str,
+        source: bytes | str | IO[bytes],
         pts: np.ndarray,
         keyframe: np.ndarray,
         where: object,

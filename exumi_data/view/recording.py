@@ -1,5 +1,8 @@
 """One episode as one recording."""
 
+import errno
+import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +25,10 @@ from exumi_data.view.taxels import log_taxels
 from exumi_data.view.times import timelines_of
 
 __all__ = ["record_episode", "streams_of"]
+
+_ROOM_BYTES = 64 << 20
+"""More than is written between two looks at the disk. On a full one Rerun waits for ever, deaf to
+signals, so it must not get there."""
 
 
 def streams_of(episode: Episode, options: ViewOptions) -> list[StreamView]:
@@ -54,12 +61,28 @@ def record_episode(
     -------
     EpisodeView, dict of Panel to int
         What became of it; what it shows, and how often.
+
+    Raises
+    ------
+    OSError
+        The disk is nearly full.
     """
+
+    def counted(samples: int) -> None:
+        _check_room(path)
+        on_samples(samples)
+
+    _check_room(path)
     try:
-        return _record(episode, path, application, options, on_samples)
+        return _record(episode, path, application, options, counted)
     finally:
         # Rerun keeps threads and the last block of each recording that is gone, until it is told.
         rerun_bindings.flush_and_cleanup_orphaned_recordings()
+
+
+def _check_room(path: Path) -> None:
+    if shutil.disk_usage(path.parent).free < _ROOM_BYTES:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path.parent))
 
 
 def _record(

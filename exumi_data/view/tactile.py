@@ -128,7 +128,7 @@ def log_tactile(
     log.place(Panel("tactile", f"{base}/image", stream.name))
     if differences is not None:
         differences.send()
-        title = f"{stream.name}: difference from the reference"
+        title = f"{stream.name}: difference"  # longer ones are cut
         log.place(Panel("difference", f"{base}/difference", title))
     if measure is not None:
         log.notes.append(f"{stream.name}: activity is not stored; it was measured for the view")

@@ -77,7 +77,10 @@ class EpisodeWindows(Windows):
     ) -> None:
         require_dataset(dataset)
         if split is not None:
-            dataset = dataset.select(split_ids(dataset, split, by=by, ratio=ratio, seed=self._seed))
+            ids = split_ids(dataset, split, by=by, ratio=ratio, seed=self._seed)
+            if not ids:
+                raise UsageError(f"the split {split!r} holds no episodes", where=dataset.path)
+            dataset = dataset.select(ids)
         self.split = split
         self.episodes = dataset
 

@@ -106,6 +106,8 @@ def _rows_at(path: Path, index: int) -> str | None:
     """Return the rows of an array about one of them, where there are few numbers in each."""
     try:
         array = zarr.open_array(path, mode="r")
+        if array.ndim == 1 and array.dtype == np.uint8:
+            return None  # the bytes of encoded frames: the index is a frame's, and not a byte's
         values = np.asarray(array[max(index - _ROWS, 0) : index + _ROWS + 1])
     except (ValueError, KeyError, OSError, RuntimeError):
         return None  # damaged, as many cases are

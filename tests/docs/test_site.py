@@ -1,4 +1,7 @@
-"""The documentation as a site: built as ``make docs`` does, whole, and without the network."""
+"""The documentation as a site: built as ``make docs`` does, whole, and without the network.
+
+EXUMI_SITE names the site where ``make docs`` has built it; otherwise it is built here.
+"""
 
 import os
 import re
@@ -24,7 +27,14 @@ FETCHED = re.compile(
 )
 
 
-def build(folder: Path) -> None:
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, which is built if it is not there yet."""
+    made = os.environ.get("EXUMI_SITE")
+    if made:
+        return Path(made)
+    pytest.importorskip("mkdocs", reason="the extra `docs` is not installed")
+    folder = tmp_path_factory.mktemp("site")
     # Not --quiet: --strict then sees no warnings either.
     command = [sys.executable, "-m", "mkdocs", "build", "--strict"]
     done = subprocess.run(
@@ -37,6 +47,7 @@ def build(folder: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
+    return folder
 
 
 def in_nav(entries: list[Any]) -> list[str]:
@@ -56,7 +67,7 @@ def test_every_page_is_in_the_navigation_once() -> None:
     assert pages - set(named) == set()
 
 
-def every_rule_has_a_whole_page(site: Path) -> None:
+def test_every_rule_has_a_whole_page(site: Path) -> None:
     index = (site / "rules" / "index.html").read_text()
     for rule in rules().values():
         page = (site / "rules" / f"{rule.id}.html").read_text()
@@ -65,7 +76,7 @@ def every_rule_has_a_whole_page(site: Path) -> None:
         assert f'href="{rule.id}.html"' in index or f"href={rule.id}.html" in index
 
 
-def nothing_is_fetched_from_elsewhere(site: Path) -> None:
+def test_nothing_is_fetched_from_elsewhere(site: Path) -> None:
     seen = 0
     for path in [*site.rglob("*.html"), *site.rglob("*.css")]:
         for match in FETCHED.finditer(path.read_text("utf-8")):
@@ -75,7 +86,8 @@ def nothing_is_fetched_from_elsewhere(site: Path) -> None:
     assert seen > len(rules())
 
 
-def pages_open_from_a_disk(site: Path, *, dark: bool) -> None:
+@pytest.mark.parametrize("dark", [False, True])
+def test_pages_open_from_a_disk(site: Path, dark: bool) -> None:
     pages = ("index.html", "format.html", "rules/TIME-001.html", "api/exumi_loaders.html")
     scheme = "slate" if dark else "default"
     with open_browser() as browser:
@@ -89,7 +101,7 @@ def pages_open_from_a_disk(site: Path, *, dark: bool) -> None:
                     assert tab.run("document.documentElement.scrollWidth <= innerWidth")
 
 
-def search_works_without_a_server(site: Path) -> None:
+def test_search_works_without_a_server(site: Path) -> None:
     with open_browser() as browser, browser.tab(site / "index.html") as tab:
         tab.run(
             "{const box = document.querySelector('[data-md-component=search-query]');"
@@ -106,15 +118,3 @@ def search_works_without_a_server(site: Path) -> None:
             if links:
                 break
         assert any("TIME-001.html" in link for link in links), links
-
-
-def test_the_site(tmp_path: Path) -> None:
-    """One test, as building takes longer than all that is looked at."""
-    pytest.importorskip("mkdocs", reason="the extra `docs` is not installed")
-    build(tmp_path)
-    every_rule_has_a_whole_page(tmp_path)
-    nothing_is_fetched_from_elsewhere(tmp_path)
-    # Without a browser the test ends here, as skipped.
-    pages_open_from_a_disk(tmp_path, dark=False)
-    pages_open_from_a_disk(tmp_path, dark=True)
-    search_works_without_a_server(tmp_path)

@@ -1,9 +1,12 @@
 """The training example runs as it stands, and learns."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+from exumi_data.catalog import build_catalog, write_catalog
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "train_tpp.py"
 
@@ -39,3 +42,15 @@ def test_one_episode_is_refused(play: Path) -> None:
     done = start(episode)
     assert done.returncode == 2
     assert "give a dataset" in done.stderr
+
+
+def test_too_few_episodes_are_said(play: Path, tmp_path: Path) -> None:
+    (kept, *_) = sorted(play.glob("episodes/*/*.zarr"))
+    copy = tmp_path / "one"
+    shutil.copytree(kept, copy / kept.relative_to(play))
+    shutil.copy(play / "dataset.json", copy)
+    write_catalog(copy, build_catalog(copy, workers=1)[0])
+    done = start(copy, "--small")
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: ")
+    assert "there may be too few" in done.stderr

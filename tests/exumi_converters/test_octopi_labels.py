@@ -32,6 +32,14 @@ def test_a_table_of_a_spreadsheet_program_is_read(tmp_path: Path) -> None:
     assert notices == []
 
 
+def test_who_rated_is_said_of_published_parts_only(tmp_path: Path) -> None:
+    path = tmp_path / "labels.csv"
+    path.write_text("part_id,hardness_0_10,split_octopi1\negg,7.5,train\nmine,3,\n")
+    table, _ = read_labels(path)
+    assert table["egg"].labels[0].origin == "labels.csv: mean of about three raters"
+    assert table["mine"].labels[0].origin == "labels.csv"
+
+
 def test_columns_that_are_not_understood_are_named(tmp_path: Path) -> None:
     path = tmp_path / "labels.csv"
     path.write_text("part_id,colour,hardness_0_10\negg,white,7\n")

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from exumi_data.engine import Outcome, default_workers, map_items
+from exumi_data.engine import Outcome, default_workers, local, map_items
 from exumi_data.errors import ExumiError, MetadataError, UsageError
 
 
@@ -192,11 +192,11 @@ from exumi_data.engine import map_items
 
 def slow(number, folder=sys.argv[1]):
     note = pathlib.Path(folder, f"{number}-{os.getpid()}")
-    note.write_text("x")
     try:
+        note.write_text("x")
         time.sleep(60)
     finally:
-        note.unlink()
+        note.unlink(missing_ok=True)
 
 if __name__ == "__main__":
     try:
@@ -224,8 +224,8 @@ def wait_until(condition: Any, seconds: float = 60) -> None:
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("everyone", [True, False], ids=["terminal", "parent only"])
-def test_ctrl_c_ends_the_workers_and_lets_them_clean_up(tmp_path: Path, everyone: bool) -> None:
+@pytest.mark.parametrize("how", ["terminal", "parent only", "stopped"])
+def test_ctrl_c_ends_the_workers_and_lets_them_clean_up(tmp_path: Path, how: str) -> None:
     (tmp_path / "program.py").write_text(INTERRUPTED)
     notes = tmp_path / "notes"
     notes.mkdir()
@@ -242,10 +242,14 @@ def test_ctrl_c_ends_the_workers_and_lets_them_clean_up(tmp_path: Path, everyone
             workers = [int(note.name.partition("-")[2]) for note in notes.iterdir()]
             assert all(map(is_running, workers))
             # A terminal sends it to all processes of the group.
-            if everyone:
-                os.killpg(parent.pid, signal.SIGINT)
-            else:
+            if how == "parent only":
                 parent.send_signal(signal.SIGINT)
+            elif how == "terminal":
+                os.killpg(parent.pid, signal.SIGINT)
+            else:  # Ctrl-Z, then an end: any thread of the parent may take it
+                os.killpg(parent.pid, signal.SIGSTOP)
+                os.killpg(parent.pid, signal.SIGINT)
+                os.killpg(parent.pid, signal.SIGCONT)
             out, err = parent.communicate(timeout=30)
         except BaseException:
             os.killpg(parent.pid, signal.SIGKILL)
@@ -254,3 +258,48 @@ def test_ctrl_c_ends_the_workers_and_lets_them_clean_up(tmp_path: Path, everyone
     assert err == ""
     assert list(notes.iterdir()) == []  # what was half written is gone, and nothing else was begun
     wait_until(lambda: not any(map(is_running, workers)))
+
+
+@pytest.mark.parametrize("signals", [1, 2])
+def test_a_signal_waits_for_the_end_of_a_block_and_a_second_does_not(signals: int) -> None:
+    def run() -> None:
+        with local.signals_later():
+            for number in range(signals):
+                signal.raise_signal(signal.SIGINT)
+                done.append(number)
+
+    before = signal.getsignal(signal.SIGINT)
+    done: list[int] = []
+    with pytest.raises(KeyboardInterrupt):
+        run()
+    assert done == [0]
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_signal_is_not_lost_where_the_block_fails() -> None:
+    def run() -> None:
+        with local.signals_later():
+            signal.raise_signal(signal.SIGTERM)
+            assert seen == []
+            raise ValueError("no")
+
+    seen: list[int] = []
+    before = signal.signal(signal.SIGTERM, lambda number, _: seen.append(number))
+    try:
+        with pytest.raises(ValueError, match="no"):
+            run()
+        assert seen == [signal.SIGTERM]
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_signals_of_other_threads_are_left_alone() -> None:
+    def run() -> None:
+        with local.signals_later():
+            found.append(signal.getsignal(signal.SIGINT))
+
+    found: list[Any] = []
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert found == [signal.getsignal(signal.SIGINT)]

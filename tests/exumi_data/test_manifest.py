@@ -13,11 +13,12 @@ from exumi_data.errors import DamagedDataError, MetadataError, UsageError
 from exumi_data.manifest import (
     MANIFEST_NAME,
     build_manifest,
+    check_listable,
     is_listed,
     sha256_of,
     write_manifest,
 )
-from exumi_data.model.documents import dump, parse_manifest
+from exumi_data.model.documents import MAX_DOCUMENT_BYTES, dump, parse_manifest
 from exumi_data.store.pack import pack
 from exumi_validators import validate
 from tests.exumi_data.builders import copy_of, episode_id, write_dataset
@@ -178,3 +179,13 @@ def test_a_link_in_its_place_is_not_replaced(dataset: Path, tmp_path: Path) -> N
     with pytest.raises(UsageError, match="is a link"):
         write_manifest(dataset)
     assert (tmp_path / "elsewhere").read_text() == "mine"
+
+
+def test_more_episodes_than_it_can_list_are_refused_before_they_are_packed() -> None:
+    entry = {"path": episode_path(episode_id(0), packed=True), "sha256": "0" * 64, "bytes": 1000}
+    one = {"id": episode_id(0), "path": entry["path"], "digest": "0" * 64}
+    text = [json.dumps({"files": [entry] * n, "episodes": [one] * n}, indent=1) for n in (1, 2)]
+    least = len(text[1]) - len(text[0])
+    check_listable(MAX_DOCUMENT_BYTES // least, "set")
+    with pytest.raises(UsageError, match=r"has 86,259 episodes; a manifest lists 86,258 at most"):
+        check_listable(86_259, "set")

@@ -1,6 +1,7 @@
 """Epochs that are left early, and ranks that share one out: the same for all samplers."""
 
 import multiprocessing
+import queue
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -144,18 +145,27 @@ def _train(rank: int, meeting: Path, results: Any) -> None:
     torch.distributed.destroy_process_group()
 
 
-def test_in_a_process_group_a_sampler_without_ranks_is_refused(tmp_path: Path) -> None:
+def _of_two_ranks(meeting: Path) -> list[Any]:
+    """Return what two ranks found; nothing where Gloo could not connect them, as happens."""
     context = multiprocessing.get_context("fork")
     results = context.Queue()
-    ranks = [
-        context.Process(target=_train, args=(rank, tmp_path / "meeting", results))
-        for rank in range(2)
-    ]
+    ranks = [context.Process(target=_train, args=(rank, meeting, results)) for rank in range(2)]
     for process in ranks:
         process.start()
-    found = [results.get(timeout=60) for _ in ranks]
-    for process in ranks:
-        process.join()
+    try:
+        return [results.get(timeout=30) for _ in ranks]
+    except queue.Empty:
+        return []
+    finally:
+        for process in ranks:
+            process.join(10)
+            process.kill()
+            process.join()
+
+
+def test_in_a_process_group_a_sampler_without_ranks_is_refused(tmp_path: Path) -> None:
+    found = _of_two_ranks(tmp_path / "one") or _of_two_ranks(tmp_path / "other")
+    assert len(found) == 2
     for said, _, everything in found:
         assert "one of 2 ranks" in said
         assert "world_size=torch.distributed.get_world_size()" in said

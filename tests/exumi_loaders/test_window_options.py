@@ -45,6 +45,11 @@ def same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor], keys: Any
     return all(torch.equal(one[key], other[key]) for key in keys)
 
 
+def test_a_split_without_episodes_is_named(make_dataset: Any, recipe: Any) -> None:
+    with pytest.raises(UsageError, match="the split 'val' holds no episodes"):
+        open_windows(make_dataset(full(recipe)), split="val")
+
+
 # Spans and counts.
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from exumi_data.dataset import DATASET_DOCUMENT
 from exumi_data.errors import UsageError
 from exumi_data.release.privacy.kinds import Kind, Take, check_kinds, shortened
+from exumi_data.release.privacy.structure import fitted, is_name_chosen, role_of, vocabulary
 from exumi_data.release.privacy.text import GONE, account_names, matches_in
 
 __all__ = ["Removal", "people_named", "without_private_fields"]
@@ -128,9 +129,8 @@ def without_private_fields(
     -------
     JSON value
     """
-    return _Walk(where, take, removal or Removal(frozenset()), _names(document)).value(
-        document, "", 0
-    )
+    made = _Walk(document, where, take, removal or Removal(frozenset()), _names(document))
+    return made.value(document, "", 0)
 
 
 def people_named(document: Any) -> dict[str, Kind]:
@@ -154,9 +154,10 @@ def _names(document: Any) -> dict[str, Kind]:
     for key, value in _strings(document, None, 0):
         kind = _kind_of_key(key)
         is_long = kind in _SHORTEST and len(value) >= _SHORTEST[kind]
-        if kind is not None and is_long and not _PSEUDONYM.fullmatch(value):
+        is_told = not _PSEUDONYM.fullmatch(value) and value.casefold() not in vocabulary()
+        if kind is not None and is_long and is_told:
             found[value] = kind
-        for name in account_names(value):
+        for name in account_names(value) - vocabulary():
             found.setdefault(name, "user")
     return found
 
@@ -182,6 +183,7 @@ def _kind_of_key(key: str | None) -> Kind | None:
 
 @dataclass(frozen=True, slots=True)
 class _Walk:
+    document: Any
     where: str
     take: Take
     removal: Removal
@@ -201,6 +203,10 @@ class _Walk:
         for key, value in fields.items():
             place = f"{pointer}/{key.replace('~', '~0').replace('/', '~1')}"
             kind = _kind_of_key(key)
+            if kind is not None and is_name_chosen(self.document, place):
+                if kind == "gps":
+                    self._stays(kind, place, key, "a thing of this name may hold positions")
+                kind = None
             if kind is not None and (kind in _WHOLE or not _has_fields(value)):
                 if not _is_said(value):
                     made[key] = value
@@ -210,22 +216,43 @@ class _Walk:
                 elif (instead := self.removal.pseudonym(kind, value)) is not None:
                     made[key] = instead
                 continue
-            made[self._text(key, place)] = self.value(value, place, depth + 1)
+            name = self._text(key, place, is_key=True)
+            name = key if name == key else _free(name, made, fields)
+            made[name] = self.value(value, place, depth + 1)
         return made
 
-    def _text(self, text: str, pointer: str) -> str:
-        parts, end = [], 0
+    def _text(self, text: str, pointer: str, *, is_key: bool = False) -> str:
         is_public = self.where == DATASET_DOCUMENT and pointer.startswith(_PUBLIC)
         names = self.names if is_public else {**self.removal.names, **self.names}
-        for match in matches_in(text, names):
+        found = matches_in(text, names)
+        role = role_of(self.document, pointer, is_key=is_key) if found else "fixed"
+        if role == "fixed":
+            return text
+        parts, end = [], 0
+        for match in found:
             value = text[match.start : match.stop]
-            if self._taken(match.kind, pointer, value, match.why):
+            if role == "id":
+                self._stays(match.kind, pointer, value, f"{match.why} in an id, which has to stay")
+            elif self._taken(match.kind, pointer, value, match.why):
                 parts += [text[end : match.start], match.instead]
                 end = match.stop
-        return "".join([*parts, text[end:]]) or (GONE if text else text)
+        left = "".join([*parts, text[end:]])
+        return (fitted(left) if parts and role == "name" else left) or (GONE if text else text)
 
     def _taken(self, kind: Kind, pointer: str, value: object, why: str) -> bool:
         return self.take(kind, f"{self.where}#{pointer}", shortened(value), why)
+
+    def _stays(self, kind: Kind, pointer: str, value: object, why: str) -> None:
+        self.take(kind, f"{self.where}#{pointer}", shortened(value), why, removable=False)
+
+
+def _free(name: str, *taken: dict[str, Any]) -> str:
+    """Return a name with a number where another has it: two that are taken out look alike."""
+    found, number = name, 1
+    while any(found in one for one in taken):
+        number += 1
+        found = f"{name}-{number}"
+    return found
 
 
 def _has_fields(value: Any) -> bool:

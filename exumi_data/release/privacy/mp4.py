@@ -16,7 +16,8 @@ from exumi_data.clips.gpmf import MAX_PAYLOAD_BYTES
 from exumi_data.errors import LimitError
 from exumi_data.release.privacy.gpmf import gpmf_patches
 from exumi_data.release.privacy.kinds import Kind
-from exumi_data.release.privacy.patches import Patch, ReadAt, printable
+from exumi_data.release.privacy.patches import Patch, ReadAt, printable, zeros
+from exumi_data.release.privacy.tags import Names
 from exumi_data.release.privacy.text import matches_in
 from exumi_data.release.privacy.xmp import xmp_patches
 
@@ -79,7 +80,7 @@ def is_mp4(read: ReadAt, size: int) -> bool:
     return size >= 8 and read(4, 4) in _FIRST
 
 
-def mp4_patches(read: ReadAt, size: int) -> Iterator[Patch]:
+def mp4_patches(read: ReadAt, size: int, names: Names | None = None) -> Iterator[Patch]:
     """Yield what in a file may be private.
 
     Parameters
@@ -87,21 +88,24 @@ def mp4_patches(read: ReadAt, size: int) -> Iterator[Patch]:
     read : callable
     size : int
         Of the file, bytes.
+    names : mapping of str to str, optional
+        People whom the dataset names.
 
     Raises
     ------
     LimitError
         Its tables are larger than any camera makes them.
     """
-    walk = _Walk(read, size)
+    walk = _Walk(read, size, names or {})
     yield from walk.boxes(0, size, 0, None, b"")
     for track in walk.tracks:
         yield from _track_patches(walk, track)
 
 
 class _Walk:
-    def __init__(self, read: ReadAt, size: int) -> None:
+    def __init__(self, read: ReadAt, size: int, names: Names) -> None:
         self.read = read
+        self.names = names
         self.size = size
         self.tracks: list[_Track] = []
         self.is_fragmented = False
@@ -116,7 +120,7 @@ class _Walk:
             if self._seen > _MAX_BOXES:
                 raise LimitError(f"the video has more than {_MAX_BOXES:,} boxes")
             box = self._box(at, end)
-            if box.kind == b"trak":
+            if box.kind == b"trak" and depth < _DEEPEST:
                 inner = _Track()
                 self.tracks.append(inner)
                 yield from self.boxes(box.start, box.end, depth + 1, inner, box.kind)
@@ -178,7 +182,7 @@ class _Walk:
                 whole = secret if kind == "serial" and len(secret) >= _SECRET else b""
                 yield _freed(box, kind, value, why, whole)
             return
-        for match in matches_in(value):
+        for match in matches_in(value, self.names):
             part = value[match.start : match.stop]
             yield _freed(box, match.kind, part, f"{match.why} in the file's own description")
 
@@ -251,14 +255,14 @@ def _track_patches(walk: _Walk, track: _Track) -> Iterator[Patch]:
             if length <= MAX_PAYLOAD_BYTES:
                 yield from gpmf_patches(walk.read(start, length), start)
             else:
-                yield Patch("gps", start, bytes(length), name, "telemetry that is too long to read")
+                yield Patch("gps", start, zeros(length), name, "telemetry that is too long to read")
     elif track.format == b"fdsc":
         yield from _recovery_patches(walk, samples)
     else:
         why = f"a metadata track of the form {name!r}, which is not understood"
         for start, length in samples:
             if any(walk.read(start, min(length, MAX_PAYLOAD_BYTES))):
-                yield Patch("gps", start, bytes(length), name, why)
+                yield Patch("gps", start, zeros(length), name, why)
 
 
 def _recovery_patches(walk: _Walk, samples: Iterator[tuple[int, int]]) -> Iterator[Patch]:
@@ -281,7 +285,7 @@ def _recovery_patches(walk: _Walk, samples: Iterator[tuple[int, int]]) -> Iterat
         is_header = content.startswith(b"GPRO") and length >= 200
         if is_header:
             why = "camera's and lens's serial numbers, in GoPro's recovery track"
-            yield Patch("serial", start, bytes(length), _serials(content), why)
+            yield Patch("serial", start, zeros(length), _serials(content), why)
 
 
 def _serials(content: bytes) -> str:

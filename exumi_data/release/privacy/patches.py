@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 from exumi_data.release.privacy.kinds import Kind
 
-__all__ = ["Patch", "ReadAt", "printable"]
+__all__ = ["Patch", "ReadAt", "printable", "zeros"]
+
+_MOST_BYTES = 64 << 20
 
 ReadAt = Callable[[int, int], bytes]
 """From a place and a length to exactly that many bytes."""
@@ -35,6 +37,14 @@ class Patch:
     value: str
     why: str
     secret: bytes = b""
+
+
+def zeros(length: int) -> bytes:
+    """Return what is written over so many bytes; nothing where they are too many to be held.
+
+    Then they cannot be taken out: no camera writes so much in one piece.
+    """
+    return bytes(length) if length <= _MOST_BYTES else b""
 
 
 def printable(content: bytes) -> str:

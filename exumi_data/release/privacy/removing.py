@@ -111,7 +111,7 @@ def without_private(store: Store, removal: Removal, episode: str = "") -> Cleane
             raise UnsupportedError(
                 f"{kind}: {why}; it cannot be taken out of {where}",
                 where=store.location,
-                fix="Keep it, or leave the stream out.",
+                fix=_advice(where),
             )
         removed[PrivateItem(kind, episode, where, shortened(value), why)] = None
         return True
@@ -120,6 +120,15 @@ def without_private(store: Store, removal: Removal, episode: str = "") -> Cleane
     if not removed:
         return Cleaned(store, [])
     return Cleaned(_patched(store, scan), list(removed))
+
+
+def _advice(where: str) -> str:
+    if "#" in where:
+        return "Keep it, or give it another name: exumi dataset relabel, or where it was made."
+    return (
+        "Keep it, leave the stream out, or take it out of the source file (ffmpeg -i IN -map 0 -c "
+        "copy -map_metadata -1 -fflags +bitexact OUT) and convert that."
+    )
 
 
 def dataset_without_private(

@@ -10,12 +10,14 @@ from exumi_data.errors import SourceError
 from exumi_data.model.documents import load_json
 from exumi_data.model.images import EncodedImages, VideoImages
 from exumi_data.model.streams import images_of
+from exumi_data.release.privacy.avi import avi_patches, is_avi
 from exumi_data.release.privacy.documents import Removal, without_private_fields
 from exumi_data.release.privacy.exif import jpeg_patches
 from exumi_data.release.privacy.kinds import Kind, Take
+from exumi_data.release.privacy.matroska import is_matroska, matroska_patches
 from exumi_data.release.privacy.mp4 import is_mp4, mp4_patches
 from exumi_data.release.privacy.patches import Patch, ReadAt
-from exumi_data.release.privacy.text import matches_in
+from exumi_data.release.privacy.tags import Names, told_by_tag
 from exumi_data.store.access import Store
 from exumi_data.store.shards import ArrayReader, open_array
 
@@ -23,7 +25,6 @@ __all__ = ["FilePatches", "Scan", "read_at", "scan_store"]
 
 _DOCUMENT = "zarr.json"
 _HEAD = 4096
-_NAMES = frozenset(("artist", "author", "director", "composer", "performer"))
 
 
 @dataclass(slots=True)
@@ -94,12 +95,13 @@ def scan_store(store: Store, take: Take, removal: Removal | None = None) -> Scan
         The episode cannot be read.
     """
     scan = Scan()
+    names = removal.names if removal is not None else {}
     _scan_documents(store, take, removal, scan)
     with Episode(store) as episode:
         for name, stream in episode.streams.items():
             images = images_of(stream.metadata)
             if isinstance(images, VideoImages):
-                _scan_videos(store, name, images, take, scan)
+                _scan_videos(store, name, images, take, scan, names)
             elif isinstance(images, EncodedImages):
                 _scan_frames(store, name, take, scan)
     return scan
@@ -139,13 +141,15 @@ def _scan_documents(store: Store, take: Take, removal: Removal | None, scan: Sca
             scan.documents[path] = changed
 
 
-def _scan_videos(store: Store, name: str, images: VideoImages, take: Take, scan: Scan) -> None:
+def _scan_videos(  # of one stream
+    store: Store, name: str, images: VideoImages, take: Take, scan: Scan, names: Names
+) -> None:
     array = open_array(store, f"streams/{name}/data")
     offset = open_array(store, f"streams/{name}/offset").read().tolist()
     for index, file in enumerate(images.files):
         start, size = offset[index], offset[index + 1] - offset[index]
         where = f"streams/{name}: {file.name}"
-        found = _taken(_video_patches(read_at(array, start, size), size, where), where, take)
+        found = _taken(_video_patches(read_at(array, start, size), size, where, names), where, take)
         if found:
             scan.videos.append(FilePatches(name, index, file.name, start, size, found))
 
@@ -153,7 +157,7 @@ def _scan_videos(store: Store, name: str, images: VideoImages, take: Take, scan:
 def _scan_frames(store: Store, name: str, take: Take, scan: Scan) -> None:
     array = open_array(store, f"streams/{name}/data")
     offset = open_array(store, f"streams/{name}/offset").read().tolist()
-    decided: dict[tuple[Kind, str], bool] = {}
+    decided: dict[tuple[Kind, str, bool], bool] = {}
     for index in range(len(offset) - 1):
         start, size = offset[index], offset[index + 1] - offset[index]
         # One read for nearly all frames: they have no such segments, or short ones.
@@ -176,15 +180,15 @@ def _taken(
     patches: Iterator[Patch],
     where: str,
     take: Take,
-    decided: dict[tuple[Kind, str], bool] | None = None,
+    decided: dict[tuple[Kind, str, bool], bool] | None = None,
 ) -> list[Patch]:
     """Return those patches that are taken; each kind of find is told once a file."""
     known = {} if decided is None else decided
     found = []
     for patch in patches:
-        key = (patch.kind, patch.why)
+        removable = bool(patch.new)
+        key = (patch.kind, patch.why, removable)
         if key not in known:
-            removable = bool(patch.new)
             taken = take(patch.kind, where, patch.value, patch.why, removable=removable)
             known[key] = taken and removable
         if known[key]:
@@ -192,15 +196,19 @@ def _taken(
     return found
 
 
-def _video_patches(read: ReadAt, size: int, where: str) -> Iterator[Patch]:
+def _video_patches(read: ReadAt, size: int, where: str, names: Names) -> Iterator[Patch]:
     if is_mp4(read, size):
-        yield from mp4_patches(read, size)
+        yield from mp4_patches(read, size, names)
+    elif is_avi(read, size):
+        yield from avi_patches(read, size, names)
+    elif is_matroska(read, size):
+        yield from matroska_patches(read, size, names)
     else:
-        yield from _tag_patches(read, size, where)
+        yield from _tag_patches(read, size, where, names)
 
 
-def _tag_patches(read: ReadAt, size: int, where: str) -> Iterator[Patch]:
-    """Yield what other containers say in words. It cannot be taken out: only MP4 is understood."""
+def _tag_patches(read: ReadAt, size: int, where: str, names: Names) -> Iterator[Patch]:
+    """Yield what other containers say in words. It cannot be taken out of what is not known."""
     from exumi_data.store.video import VideoDecoder  # PyAV is slow to import
 
     try:
@@ -210,14 +218,8 @@ def _tag_patches(read: ReadAt, size: int, where: str) -> Iterator[Patch]:
         yield Patch("gps", 0, b"", "unreadable", f"the file cannot be looked into: {error.what}")
         return
     for key, value in tags.items():
-        if key.lower() in _NAMES and value:
-            yield Patch("operator", 0, b"", value, "who made the clip")
-        elif "location" in key.lower() and value:
-            yield Patch("gps", 0, b"", value, "the clip's position")
-        else:
-            for match in matches_in(value):
-                part = value[match.start : match.stop]
-                yield Patch(match.kind, 0, b"", part, f"{match.why} in the file's own description")
+        for kind, part, why in told_by_tag(key, value, names):
+            yield Patch(kind, 0, b"", part, why)
 
 
 class _File(io.RawIOBase):

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from exumi_data.release.privacy.kinds import Kind
+from exumi_data.release.privacy.names import named_in
+from exumi_data.release.privacy.positions import positions_in
 
 __all__ = ["GONE", "Match", "account_names", "matches_in"]
 
@@ -42,13 +44,6 @@ _LOCAL_NAME = re.compile(
     r"(?<![\w.-])[A-Za-z0-9][\w-]*\.(?:local|lan|internal|intranet|localdomain|corp)(?![\w-])"
 )
 _MAC = re.compile(r"(?<![\w:-])(?:[0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}(?![\w:-])")
-_ISO6709 = re.compile(
-    r"(?<![\w.])[+-]\d{2}(?:\d{2}){0,2}(?:\.\d+)?"  # degrees, with minutes and seconds
-    r"[+-]\d{3}(?:\d{2}){0,2}(?:\.\d+)?(?:[+-]\d+(?:\.\d+)?)?/"
-)
-_LATITUDE = re.compile(
-    r"(?i)\b(?:lat(?:itude)?|lon(?:gitude)?|lng)\b\s*[:=]?\s*[+-]?\d{1,3}\.\d{2,}"
-)
 # None of the patterns is found where none of these is.
 _TELLING = re.compile(r"[/\\@~:+]|\.[\w]|\d")
 _REMEMBERED = 400
@@ -58,8 +53,6 @@ _PLAIN: tuple[tuple[re.Pattern[str], Kind, str], ...] = (
     (_IPV4, "host", "an address of a computer"),
     (_LOCAL_NAME, "host", "a computer of a local network"),
     (_MAC, "serial", "a network device's own address"),
-    (_ISO6709, "gps", "a position on earth"),
-    (_LATITUDE, "gps", "a position on earth"),
 )
 # Accounts that everybody has.
 _COMMON = frozenset(
@@ -115,7 +108,8 @@ def matches_in(text: str, names: Mapping[str, Kind] | None = None) -> list[Match
     list of Match
     """
     every = list(_plain(text) if len(text) <= _REMEMBERED else _patterns(text))
-    every += _named(text, names or {})
+    named = named_in(text, names or {})
+    every += [Match(kind, start, stop, GONE, why) for start, stop, kind, why in named]
     found: list[Match] = []
     taken = -1
     for match in sorted(every, key=lambda match: (match.start, -match.stop)):
@@ -147,18 +141,8 @@ def _patterns(text: str) -> Iterator[Match]:
         for one in pattern.finditer(text):
             if pattern is not _IPV4 or not _NOBODY.match(one[0]):
                 yield Match(kind, one.start(), one.end(), GONE, why)
-
-
-def _named(text: str, names: Mapping[str, Kind]) -> Iterator[Match]:
-    folded = text.casefold() if names else ""
-    for name, kind in names.items():
-        if name.casefold() not in folded:
-            continue
-        is_one_word = " " not in name
-        for one in re.finditer(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE):
-            if is_one_word and one[0] != name and one[0].islower():
-                continue  # Mark is a person, to mark is not
-            yield Match(kind, one.start(), one.end(), GONE, f"the {kind} is named")
+    for start, stop in positions_in(text):
+        yield Match("gps", start, stop, GONE, "a position on earth")
 
 
 def _paths(text: str) -> Iterator[Match]:

@@ -73,14 +73,14 @@ def _scale(low: float, high: float, left: float, right: float, value: float) -> 
     return left + (value - low) / ((high - low) or 1) * (right - left)
 
 
-def _y_axis(top: float, unit: str, most: float, *, whole: bool) -> Html:
+def _y_axis(top: float, unit: str, most: float, *, whole: bool, unit_y: float) -> Html:
     ticks = [tick for tick in round_ticks(0, most, 3) if not whole or tick == int(tick)]
     parts = []
     for tick in ticks:
         y = _scale(0, most, top + _PLOT, top, tick)
         parts.append(element("line", x1=_LEFT, x2=WIDTH, y1=y, y2=y, class_="grid"))
         parts.append(label(_LEFT - 5, y + 4, tick_text(tick), anchor="end", quiet=True))
-    parts.append(label(0, top - 8, unit, quiet=True))
+    parts.append(label(0, unit_y, unit, quiet=True))
     return join(*parts)
 
 
@@ -106,10 +106,11 @@ def histogram(
         A line at a value, and what it is.
     """
     low, high = bins[0][0], bins[-1][1]
-    top = 34 if mark else 22
+    top = 38 if mark else 22
     most = max(count for _, _, count in bins) or 1
     whole = all(count == int(count) for _, _, count in bins)
-    parts = [_y_axis(top, y_title, most, whole=whole)]
+    # Above the words at the mark, which may stand at the left.
+    parts = [_y_axis(top, y_title, most, whole=whole, unit_y=12 if mark else top - 8)]
     bars = []
     for left, right, count in bins:
         x0, x1 = (_scale(low, high, _LEFT, WIDTH, edge) for edge in (left, right))
@@ -154,8 +155,9 @@ def line_chart(
     x_range: tuple[float, float],
     x_title: str,
     y_title: str,
+    y_range: tuple[float, float] | None = None,
 ) -> Html:
-    """Draw shares (0 to 1) over equal steps as a filled line, on an axis from 0 to 100 %.
+    """Draw numbers over equal steps as a filled line; shares are drawn from 0 to 100 %.
 
     Parameters
     ----------
@@ -165,24 +167,33 @@ def line_chart(
     x_range : (float, float)
         Begin of the first step and end of the last.
     x_title, y_title : str
+    y_range : (float, float), optional
+        Ends of the axis. Default: the numbers are shares, 0 to 1.
     """
     top, low, high = 22, *x_range
+    bottom, most = (0.0, 1.0) if y_range is None else y_range
+    if y_range is None:
+        levels = [(share, f"{share * 100:.0f} %") for share in (0, 0.25, 0.5, 0.75, 1)]
+    else:
+        levels = [(tick, tick_text(_near(tick))) for tick in round_ticks(bottom, most, 4)]
     parts = []
-    for share in (0, 0.25, 0.5, 0.75, 1):
-        y = _scale(0, 1, top + _PLOT, top, share)
+    for level, words in levels:
+        y = _scale(bottom, most, top + _PLOT, top, level)
         parts.append(element("line", x1=_LEFT, x2=WIDTH, y1=y, y2=y, class_="grid"))
-        parts.append(label(_LEFT - 5, y + 4, f"{share * 100:.0f} %", anchor="end", quiet=True))
+        parts.append(label(_LEFT - 5, y + 4, words, anchor="end", quiet=True))
     parts.append(label(0, top - 8, y_title, quiet=True))
     for run in _runs(values):
         points = [
             (
                 _scale(0, len(values), _LEFT, WIDTH, number + 0.5),
-                _scale(0, 1, top + _PLOT, top, values[number]),
+                _scale(bottom, most, top + _PLOT, top, values[number]),
             )
             for number in run
         ]
         line = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
-        base = top + _PLOT
+        base = top + _PLOT  # of a level; what is above and below 0 is filled from there
+        if bottom < 0 < most:
+            base = round(_scale(bottom, most, top + _PLOT, top, 0))
         area = f"M{points[0][0]:.1f} {base}L{line}L{points[-1][0]:.1f} {base}z"
         parts.append(element("path", d=area, class_="area"))
         parts.append(element("path", d=f"M{line}", class_="line"))

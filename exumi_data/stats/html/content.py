@@ -3,7 +3,7 @@
 from statistics import quantiles
 
 from exumi_data.stats.html.charts import RangeRow, histogram, range_chart
-from exumi_data.stats.html.layout import card, cards, count_bars, section
+from exumi_data.stats.html.layout import card, cards, count_bars, missing, section
 from exumi_data.stats.html.markup import Html
 from exumi_data.stats.html.material import Material
 from exumi_data.stats.html.totals import EpisodeRow
@@ -37,11 +37,20 @@ def content(material: Material) -> Html:
         charts.append(_lengths(durations))
         if len(material.groups) > 1:
             charts.append(_by_group(material))
-    if not charts:
+    if not charts and not material.totals.rows:
+        charts.append(_nothing(bool(material.statistics.unreadable)))
+    elif not charts:
         alone = "There is nothing to tell apart: the overview says it all."
         charts.append(card("Nothing to compare", alone))
     lead = "What was done and touched, how often, and how long episodes are."
     return section("content", "What it holds", lead, cards(*charts))
+
+
+def _nothing(unreadable: bool) -> Html:
+    if unreadable:
+        return missing("Nothing to show", "No episode could be read: see the findings.")
+    what = "Episodes come from exumi record, or from exumi convert."
+    return missing("The dataset is empty", f"It holds no episode yet. {what}")
 
 
 def _counts(title: str, what: str, counts: dict[str, int]) -> Html | None:

@@ -2,6 +2,10 @@
 
 from dataclasses import dataclass
 
+from exumi_data.stats.html.blocks import STEPS
+from exumi_data.stats.html.sound_figures import SoundFigures
+from exumi_data.stats.html.taxel_figures import TaxelFigures
+
 __all__ = [
     "STEPS",
     "ClockFigures",
@@ -10,9 +14,6 @@ __all__ = [
     "TouchFigures",
     "ValueFigures",
 ]
-
-STEPS = 40
-"""Equal parts of an episode in which activity over time is counted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,8 +76,12 @@ class PoseFigures:
     stream, parent, child : str
     from_above, from_side : dict of (int, int) to int
         Samples by cell of 1 cm: x and y, x and z.
+    low, high : tuple of float
+        Smallest and largest x, y and z, metres. Empty without a valid sample.
     tilts : dict of int to int
         Samples by angle between both z axes, in steps of 5 degrees.
+    tilt_ends : tuple of float
+        Smallest and largest of these angles, degrees. Empty without a valid sample.
     left_out : int
         Samples that are flagged as not valid, or are no numbers.
     """
@@ -86,7 +91,10 @@ class PoseFigures:
     child: str
     from_above: dict[tuple[int, int], int]
     from_side: dict[tuple[int, int], int]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
     tilts: dict[int, int]
+    tilt_ends: tuple[float, ...]
     left_out: int
 
 
@@ -111,4 +119,8 @@ class EpisodeFigures:
     clocks: tuple[ClockFigures, ...]
     values: tuple[ValueFigures, ...]
     poses: tuple[PoseFigures, ...]
+    taxels: tuple[TaxelFigures, ...]
+    large_taxels: tuple[tuple[str, tuple[int, int]], ...]
+    """Streams of taxels that are not read, and their grids: too large to be drawn."""
+    sounds: tuple[SoundFigures, ...]
     numbers: tuple[tuple[str, float], ...]

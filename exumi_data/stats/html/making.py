@@ -6,6 +6,7 @@ from pathlib import Path
 from exumi_data.dataset import Dataset
 from exumi_data.episode import Episode
 from exumi_data.errors import ExumiError, UsageError
+from exumi_data.opening import check_outside
 from exumi_data.stats.html.collecting import collect_figures, collect_pictures, locations
 from exumi_data.stats.html.judgement import Judgement
 from exumi_data.stats.html.material import Material
@@ -93,28 +94,21 @@ def _splits(dataset: Dataset) -> dict[str, dict[str, int]]:
     }
 
 
-def check_target(file: Path, source: Path) -> None:
+def check_target(file: Path) -> None:
     """Refuse a file that a page must not take the place of, before the work is done.
 
     Parameters
     ----------
     file : pathlib.Path
         Where the page is to be written.
-    source : pathlib.Path
-        The dataset or episode.
 
     Raises
     ------
     UsageError
-        A folder or another file is there, or it lies inside the data.
+        A folder or another file is there, or it lies inside a dataset or an episode.
     """
+    check_outside(file)
     target = file.resolve()
-    if source.resolve() in (target, *target.parents):
-        raise UsageError(
-            "lies inside the data, which would no longer be what it was",
-            where=file,
-            fix="Name a file outside of it.",
-        )
     if not target.exists():
         return
     if not target.is_file() or not _is_page(target):

@@ -12,13 +12,14 @@ from exumi_data.stats.html.svg import (
     WIDTH,
     label,
     level_cells,
+    number_text,
     picture,
     round_ticks,
     tick_text,
     x_axis,
 )
 
-__all__ = ["finger_map", "plane_map", "row_map"]
+__all__ = ["finger_map", "plane_map", "row_map", "taxel_map"]
 
 Numbers = npt.NDArray[np.float64]
 
@@ -52,6 +53,47 @@ def finger_map(
     cells = level_cells(levels, left=left, top=1, cell=cell)
     scale = _legend(tall + 14, "0 %", f"{most * 100:.0f} %", legend)
     return picture(title, description, tall + 14 + _LEGEND, ground, cells, scale)
+
+
+def taxel_map(
+    title: str,
+    description: str,
+    means: Numbers,
+    alive: npt.NDArray[np.bool_],
+    *,
+    unit: str,
+) -> Html:
+    """Draw what each taxel of a grid felt; cells are square, as the standard knows no pitch.
+
+    Parameters
+    ----------
+    title, description : str
+    means : (R, C) float64
+        Below 0 is drawn as 0.
+    alive : (R, C) bool
+        Cells that are not are crossed out.
+    unit : str
+    """
+    rows, columns = means.shape
+    size = min(300 / columns, 240 / rows)
+    wide, tall = size * columns, size * rows
+    left = (WIDTH - wide) / 2
+    shown = np.where(alive, np.maximum(means, 0.0), 0.0)
+    most = float(shown.max(initial=0.0))
+    ground = element("rect", x=left, y=1.0, width=wide, height=tall, class_="ground")
+    cells = level_cells(_levels(shown, most), left=left, top=1, cell=(size, size))
+    scale = _legend(tall + 14, "0", number_text(most), f"mean, {unit}")
+    dead = _crosses(alive, left, size)
+    return picture(title, description, tall + 14 + _LEGEND, ground, cells, dead, scale)
+
+
+def _crosses(alive: npt.NDArray[np.bool_], left: float, size: float) -> Html:
+    strokes = []
+    for row, column in np.argwhere(~alive).tolist():
+        x0, y0 = left + (column + 0.2) * size, 1 + (row + 0.2) * size
+        x1, y1 = x0 + 0.6 * size, y0 + 0.6 * size
+        strokes.append(f"M{x0:.1f} {y0:.1f}L{x1:.1f} {y1:.1f}M{x1:.1f} {y0:.1f}L{x0:.1f} {y1:.1f}")
+    return element("path", d="".join(strokes), class_="axis") if strokes else Html("")
 
 
 def _levels(values: Numbers, most: float) -> list[list[int]]:

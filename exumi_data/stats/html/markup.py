@@ -1,8 +1,9 @@
 """Building HTML that cannot be broken by what is in it: text is escaped unless it is `Html`."""
 
 import html
+import unicodedata
 
-__all__ = ["Content", "Html", "element", "join", "shortened", "text"]
+__all__ = ["Content", "Html", "element", "fitted", "join", "shortened", "text"]
 
 _EMPTY = frozenset({"br", "img", "input", "meta"})
 _SHAPES = frozenset({"circle", "line", "path", "rect"})
@@ -31,8 +32,11 @@ def text(value: object) -> Html:
     """
     if isinstance(value, Html):
         return value
-    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(value))
-    return Html(html.escape(shown, quote=True))
+    return Html(html.escape(_visible(str(value)), quote=True))
+
+
+def _visible(value: str) -> str:
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in value)
 
 
 def shortened(value: str, longest: int = 60) -> str:
@@ -48,6 +52,35 @@ def shortened(value: str, longest: int = 60) -> str:
         return value
     head = longest // 2
     return f"{value[:head]}…{value[len(value) - (longest - head - 1) :]}"
+
+
+def fitted(value: str, columns: int) -> str:
+    """Cut a text in its middle to what fits into a width, as it will be shown.
+
+    Parameters
+    ----------
+    value : str
+    columns : int
+        The width in average letters, at least 3. Letters of the far East and emoji take two.
+    """
+    visible = _visible(value)
+    if sum(map(_columns, visible)) <= columns:
+        return visible
+    head = _begin(visible, columns // 2)
+    tail = _begin(visible[: len(head) - 1 : -1], columns - columns // 2 - 1)[::-1]
+    return f"{head}…{tail}"
+
+
+def _columns(letter: str) -> int:
+    return 2 if unicodedata.east_asian_width(letter) in "WF" else 1
+
+
+def _begin(value: str, columns: int) -> str:
+    for place, letter in enumerate(value):
+        columns -= _columns(letter)
+        if columns < 0:
+            return value[:place]
+    return value
 
 
 def element(name: str, /, *content: Content, **attributes: str | float | bool | None) -> Html:

@@ -10,6 +10,7 @@ from exumi_data.stats.html.layout import card, cards, missing, section
 from exumi_data.stats.html.maps import plane_map
 from exumi_data.stats.html.markup import Html, shortened
 from exumi_data.stats.html.material import Material
+from exumi_data.stats.html.svg import number_text
 from exumi_data.stats.html.totals import PoseTotal, ValueTotal
 from exumi_data.stats.html.words import counted, percent
 
@@ -70,7 +71,8 @@ def _values(
     takeaway = f"Nine in ten samples lie between {low:.3g} and {high:.3g} {unit}."
     if total.left_out:
         takeaway += f" {counted(total.left_out, 'sample')} without a valid value."
-    edges = [(left * scale, right * scale, count / drawn) for left, right, count in bins]
+    # A step is what was rounded to it.
+    edges = [((a - 0.5) * scale, (b - 0.5) * scale, count / drawn) for a, b, count in bins]
     chart = histogram(
         title, takeaway, [(a, b, c * 100) for a, b, c in edges],
         x_title=f"{component} ({unit})", y_title="% of samples",
@@ -85,7 +87,7 @@ def _values(
 def _quantile(steps: npt.NDArray[np.int64], counts: npt.NDArray[np.int64], share: float) -> float:
     total = np.cumsum(counts)
     at = int(np.searchsorted(total, share * total[-1]))
-    return float(steps[min(at, len(steps) - 1)]) + 0.5
+    return float(steps[min(at, len(steps) - 1)])
 
 
 def _histogram(
@@ -114,7 +116,10 @@ def _pose(name: str, pose: PoseTotal) -> list[Html]:
         return [missing(f"Where {shown} was", "No valid sample.")]
     above, x_range, y_range = _grid(pose.from_above, pose.cell_m)
     side, _, z_range = _grid(pose.from_side, pose.cell_m)
-    extent = " × ".join(f"{(b - a) * 100:.0f}" for a, b in (x_range, y_range, z_range))
+    # The maps are of whole cells; what is said is exact.
+    extent = " × ".join(
+        _centimetres(high - low) for low, high in zip(pose.low, pose.high, strict=True)
+    )
     frames = f"{shortened(pose.child, 24)} in {shortened(pose.parent, 24)}"
     takeaway = f"Poses of {frames} fill a box of {extent} cm."
     if pose.left_out:
@@ -124,7 +129,7 @@ def _pose(name: str, pose: PoseTotal) -> list[Html]:
         x_range=x_range, y_range=y_range, axes=("x (m)", "y (m)"),
     )  # fmt: skip
     z_axis = f"the z axis of {shortened(pose.parent, 24)}"
-    height = f"From {z_range[0]:.2f} to {z_range[1]:.2f} m on {z_axis}."
+    height = f"From {pose.low[2]:.3f} to {pose.high[2]:.3f} m on {z_axis}."
     front = plane_map(
         f"{name} from the side", height, side,
         x_range=x_range, y_range=z_range, axes=("x (m)", "z (m)"),
@@ -134,6 +139,11 @@ def _pose(name: str, pose: PoseTotal) -> list[Html]:
         card(f"Where {shown} was, from the side", height, front),
         _tilts(shown, pose),
     ]
+
+
+def _centimetres(metres: float) -> str:
+    # No pose is known better than to a tenth of a millimetre.
+    return number_text(round(100 * metres, 2))
 
 
 def _grid(
@@ -153,17 +163,16 @@ def _grid(
 
 def _tilts(name: str, pose: PoseTotal) -> Html:
     title = f"Tilt of {name}"
-    steps = np.array(sorted(pose.tilts), np.int64)
-    counts = np.array([pose.tilts[int(step)] for step in steps], np.int64)
-    low, high = (5 * _quantile(steps, counts, share) for share in (0.05, 0.95))
+    low, high = (f"{end:.1f}".removesuffix(".0") for end in pose.tilt_ends)
+    points = f"{low} to {high}°" if low != high else f"{low}°"
     takeaway = (
-        f"In nine of ten samples the z axis of {shortened(pose.child, 24)} points {low:.0f} to "
-        f"{high:.0f}° away from that of {shortened(pose.parent, 24)}."
+        f"The z axis of {shortened(pose.child, 24)} points {points} away from that of "
+        f"{shortened(pose.parent, 24)}."
     )
-    total = int(counts.sum())
+    total = pose.tilts.total()
     bins = [
-        (5.0 * step, 5.0 * (step + 1), 100 * pose.tilts.get(step, 0) / total)
-        for step in range(int(steps[0]), int(steps[-1]) + 1)
+        (5.0 * step, 5.0 * (step + 1), 100 * pose.tilts[step] / total)
+        for step in range(min(pose.tilts), max(pose.tilts) + 1)
     ]
     axes = f"{shortened(pose.child, 20)} and {shortened(pose.parent, 20)}"
     chart = histogram(

@@ -63,7 +63,9 @@ def summary(material: Material) -> str:
             counted(regime.episodes, REGIMES.get(name, f"{name} episode"))
             for name, regime in statistics.regimes.items()
         ]
-        what = listed(parts) or "No episodes"
+        if not parts:
+            return "No episodes."
+        what = listed(parts)
     of = [
         counted(len(said), name)
         for name, counts in (
@@ -115,7 +117,7 @@ def _figures(material: Material) -> Iterator[Html]:
         tasks = named([name for name in statistics.content.tasks if name], 2, 24)
         yield _tile("episodes", f"{statistics.episodes:,}", f"task: {tasks}" if tasks else "")
     span = f"median {time_text(each.median)} an episode" if each else ""
-    yield _tile("recorded", time_text(statistics.duration_s), span)
+    yield _tile("recorded", time_text(statistics.duration_s) if each else "–", span)
     active = statistics.active
     if active.frames:
         note = f"of {active.frames:,} tactile moments"

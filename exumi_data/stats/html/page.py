@@ -11,6 +11,7 @@ from exumi_data.stats.html.motion import motion
 from exumi_data.stats.html.origin import origin
 from exumi_data.stats.html.overview import overview, summary
 from exumi_data.stats.html.sheets import sheets
+from exumi_data.stats.html.sound import sound
 from exumi_data.stats.html.timing import timing
 from exumi_data.stats.html.touch import touch
 
@@ -31,6 +32,7 @@ _LINKS = (
     ("sheets", "Contact sheet"),
     ("timing", "Time"),
     ("motion", "Width, force, pose"),
+    ("sound", "Sound"),
     ("labels", "Labels"),
     ("findings", "Findings"),
     ("origin", "Origin"),
@@ -72,14 +74,20 @@ def _head(material: Material, name: str) -> Html:
 
 
 def _body(material: Material, name: str) -> list[Html]:
-    found = {
+    found: dict[str, Html | None] = {
         "overview": overview(material),
         "content": content(material),
-        "touch": touch(material),
-        "sheets": sheets(material),
-        "timing": timing(material),
-        "motion": motion(material),
-        "labels": labels(material),
+    }
+    if material.totals.rows:
+        found |= {
+            "touch": touch(material),
+            "sheets": sheets(material),
+            "timing": timing(material),
+            "motion": motion(material),
+            "sound": sound(material),
+            "labels": labels(material),
+        }
+    found |= {
         "findings": findings(material),
         "origin": origin(material),
     }

@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from exumi_data.episode import Episode, StreamView
 from exumi_data.model.streams import PoseStream, WrenchStream
-from exumi_data.standard import flags
 from exumi_data.stats.episode import active_above
+from exumi_data.stats.html.blocks import step_of, valid_blocks
 from exumi_data.stats.html.figures import (
     STEPS,
     ClockFigures,
@@ -17,16 +17,17 @@ from exumi_data.stats.html.figures import (
     TouchFigures,
     ValueFigures,
 )
+from exumi_data.stats.html.sound_figures import read_sound
+from exumi_data.stats.html.taxel_figures import grid_of, read_taxels
 
 __all__ = ["even", "read_figures"]
 
-_BLOCK = 65_536
 _MOST_CELLS = 2_000  # a pose beyond 20 m is counted at the edge
 _MOST_BINS = 20_000
 _MOST_COMPONENTS = 12
 _CELL_M = 0.01
 _TILT_DEG = 5
-_STEP_OF = {"width": 0.0005, "opening": 0.005, "f": 0.05, "t": 0.002}
+_STEP_OF = {"width": 0.0001, "opening": 0.001, "f": 0.02, "t": 0.001}
 
 Floats = npt.NDArray[np.float64]
 
@@ -51,6 +52,13 @@ def read_figures(episode: Episode) -> EpisodeFigures:
     streams = list(episode.streams.values())
     start, end = _span(streams)
     labels = (notes.labels if notes else None) or []
+    taxels, large = [], []
+    for stream in episode.of_kind("taxels"):
+        found = read_taxels(stream, (start, end))
+        if found is None:
+            large.append((stream.name, grid_of(stream)))
+        else:
+            taxels.append(found)
     return EpisodeFigures(
         id=episode.id,
         duration_s=(end - start) * 1e-9,
@@ -69,6 +77,9 @@ def read_figures(episode: Episode) -> EpisodeFigures:
         clocks=tuple(_clock(stream) for stream in streams),
         values=tuple(v for s in streams for v in _values(episode, s)),
         poses=tuple(_pose(stream) for stream in episode.of_kind("pose")),
+        taxels=tuple(taxels),
+        large_taxels=tuple(large),
+        sounds=tuple(read_sound(stream, (start, end)) for stream in episode.of_kind("audio")),
         numbers=tuple(
             (label.property, float(label.value))
             for label in labels
@@ -107,8 +118,7 @@ def _touch(episode: Episode, stream: StreamView, start: int, end: int) -> TouchF
     frames = active = np.zeros(STEPS, np.int64)
     peak = 0.0
     if activity is not None and len(activity):
-        share = (stream.time - start) / max(end - start, 1)
-        step = np.clip((share * STEPS).astype(np.int64), 0, STEPS - 1)
+        step = step_of(stream.time, (start, end), STEPS)
         frames = np.bincount(step, minlength=STEPS)
         above = activity > active_above(episode, stream.name)
         active = np.bincount(step[above], minlength=STEPS)
@@ -150,7 +160,7 @@ def _values(episode: Episode, stream: StreamView) -> Iterator[ValueFigures]:
     counts: list[dict[int, int]] = [{} for _ in names]
     steps = np.array([_STEP_OF.get(name) or _STEP_OF[name[0]] for name in names])
     left_out = [0] * len(names)
-    for data, valid in _blocks(stream):
+    for _, data, valid in valid_blocks(stream):
         table = data.reshape(len(data), -1)[:, : len(names)]
         for column in range(table.shape[1]):
             kept = table[valid & np.isfinite(table[:, column]), column]
@@ -169,26 +179,13 @@ def _values(episode: Episode, stream: StreamView) -> Iterator[ValueFigures]:
 
 
 def _bins(values: Floats, step: float) -> npt.NDArray[np.int64]:
-    # The small part more keeps multiples of the step, as encoders give them, on one side.
-    return np.clip(np.floor(values / step + 1e-4), -_MOST_BINS, _MOST_BINS).astype(np.int64)
+    # To the nearest: a median is then off by half a step at most, and round numbers stay round.
+    return np.clip(np.round(values / step), -_MOST_BINS, _MOST_BINS).astype(np.int64)
 
 
 def _count(counts: dict[int, int], bins: npt.NDArray[np.int64]) -> None:
     for value, count in zip(*(a.tolist() for a in np.unique_counts(bins)), strict=True):
         counts[value] = counts.get(value, 0) + count
-
-
-def _blocks(stream: StreamView) -> Iterator[tuple[Floats, npt.NDArray[np.bool_]]]:
-    """Yield the data in bounded blocks, each with which samples are valid."""
-    invalid = np.uint32(1 << flags()["invalid"].bit)
-    flagged = "flags" in stream.metadata.arrays
-    for begin in range(0, len(stream), _BLOCK):
-        end = min(begin + _BLOCK, len(stream))
-        data = np.asarray(stream.rows("data", begin, end), np.float64)
-        valid = np.ones(len(data), np.bool_)
-        if flagged:
-            valid = (stream.rows("flags", begin, end) & invalid) == 0
-        yield data, valid
 
 
 def _pose(stream: StreamView) -> PoseFigures:
@@ -197,8 +194,9 @@ def _pose(stream: StreamView) -> PoseFigures:
     above: dict[tuple[int, int], int] = {}
     side: dict[tuple[int, int], int] = {}
     tilts: dict[int, int] = {}
+    low, high = np.full(4, np.inf), np.full(4, -np.inf)  # of x, y, z and the tilt
     left_out = 0
-    for data, valid in _blocks(stream):
+    for _, data, valid in valid_blocks(stream):
         kept = data[valid & np.isfinite(data).all(axis=1)]
         left_out += len(data) - len(kept)
         cells = np.clip(np.floor(kept[:, :3] / _CELL_M), -_MOST_CELLS, _MOST_CELLS)
@@ -206,14 +204,22 @@ def _pose(stream: StreamView) -> PoseFigures:
             places, counts = np.unique(cells[:, columns].astype(int), axis=0, return_counts=True)
             for (a, b), count in zip(places.tolist(), counts.tolist(), strict=True):
                 found[a, b] = found.get((a, b), 0) + count
-        _count(tilts, (_tilt_deg(kept) // _TILT_DEG).astype(np.int64))
+        tilt = _tilt_deg(kept)
+        _count(tilts, (tilt // _TILT_DEG).astype(np.int64))
+        exact = np.column_stack([kept[:, :3], tilt])
+        low = np.minimum(low, exact.min(axis=0, initial=np.inf))
+        high = np.maximum(high, exact.max(axis=0, initial=-np.inf))
+    ends = (low.tolist(), high.tolist()) if tilts else ([], [])
     return PoseFigures(
         stream=stream.name,
         parent=model.frames.parent,
         child=model.frames.child,
         from_above=above,
         from_side=side,
+        low=tuple(ends[0][:3]),
+        high=tuple(ends[1][:3]),
         tilts=tilts,
+        tilt_ends=(*ends[0][3:], *ends[1][3:]),
         left_out=left_out,
     )
 

@@ -42,6 +42,7 @@ def remarks(material: Material) -> list[Remark]:
         The grave ones first.
     """
     found = [
+        *_empty(material),
         *_unreadable(material),
         *_findings(material),
         *_licence(material),
@@ -51,6 +52,11 @@ def remarks(material: Material) -> list[Remark]:
         *_notes(material),
     ]
     return sorted(found, key=lambda remark: _ORDER.index(remark.grade))
+
+
+def _empty(material: Material) -> Iterator[Remark]:
+    if not material.statistics.episodes and not material.statistics.unreadable:
+        yield Remark("warn", "The dataset is empty: it holds no episode.", "content")
 
 
 def _unreadable(material: Material) -> Iterator[Remark]:

@@ -3,9 +3,19 @@
 import math
 from collections.abc import Sequence
 
-from exumi_data.stats.html.markup import Content, Html, element, shortened, text
+from exumi_data.stats.html.markup import Content, Html, element, fitted, shortened, text
 
-__all__ = ["WIDTH", "label", "level_cells", "picture", "round_ticks", "tick_text", "x_axis"]
+__all__ = [
+    "LEVELS",
+    "WIDTH",
+    "label",
+    "level_cells",
+    "number_text",
+    "picture",
+    "round_ticks",
+    "tick_text",
+    "x_axis",
+]
 
 WIDTH = 360
 """Units across of every chart: about the pixels that it gets on a phone."""
@@ -62,7 +72,7 @@ def label(
         Units.
     """
     whole = str(words)
-    shown = whole if width is None else shortened(whole, max(3, int(width / _LETTER)))
+    shown = whole if width is None else fitted(whole, max(3, int(width / _LETTER)))
     note = element("title", shortened(whole, 200)) if shown != whole else None
     return element(
         "text",
@@ -107,6 +117,16 @@ def tick_text(value: float) -> str:
     if abs(value) >= 1e6:
         return f"{value:.3g}".replace("e+0", "e").replace("-", "−")
     return f"{value:,.10g}".replace("-", "−") if abs(value) >= 1e-3 else f"{value:.1g}"
+
+
+def number_text(value: float) -> str:
+    """Write a number with three digits that count.
+
+    Parameters
+    ----------
+    value : float
+    """
+    return tick_text(float(f"{value:.3g}"))
 
 
 def x_axis(  # what an axis has

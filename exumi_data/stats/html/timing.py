@@ -114,6 +114,8 @@ def _jitter(streams: list[StreamStatistics]) -> Html:
         return missing(title, why)
     worst = max(rows, key=lambda row: row.median)
     takeaway = f"The periods of {worst.name} scatter most: by {worst.note} (one sigma)."
+    if not worst.median:
+        takeaway = "In the median, the periods of no stream scatter."
     words = "; ".join(f"{row.name} {row.note}" for row in rows)
     chart = range_chart(title, f"{words}.", rows, x_title="scatter of periods (ms)")
     return card(title, takeaway, chart, note="Line: calmest to worst episode. Dot: median.")
@@ -158,7 +160,7 @@ def _clocks(material: Material) -> tuple[Html | None, Html]:
         words = "; ".join(f"{row.name} {row.note}" for row in rows)
         chart = range_chart(title, f"{words}.", rows, x_title="latency (ms)")
     note = "Dot: median of the episodes. Thick: ± one sigma. Line: smallest to largest."
-    columns = ("stream", "stamped at", "latency", "offset σ", "drift")
+    columns = ("stream", "stamped", "latency", "offset σ", "drift")
     lines = [_clock_cells(name, found) for name, found in list(measured.items())[:_MOST]]
     details = table("Clocks of the streams", columns, lines, left=2)
     how = f"{_methods(measured)} {note}" if rows else None

@@ -1,18 +1,28 @@
 """Adding up the figures of episodes: what is kept does not grow with their length."""
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from exumi_data.stats.html.figures import STEPS, ClockFigures, EpisodeFigures, TouchFigures
+from exumi_data.stats.html.figures import (
+    STEPS,
+    ClockFigures,
+    EpisodeFigures,
+    PoseFigures,
+    TouchFigures,
+)
+from exumi_data.stats.html.sound_figures import SoundTotal
+from exumi_data.stats.html.taxel_figures import TaxelTotal
 from exumi_data.stats.model import Unreadable
 
 __all__ = ["EpisodeRow", "PoseTotal", "Totals", "TouchTotal", "ValueTotal"]
 
 _MOST_CELLS = 40_000
 _MOST_COUNTED = 5_000
+_MOST_GRIDS = 256  # a hundred kilobytes each
 Cells = Counter[tuple[int, int]]
 
 
@@ -49,7 +59,10 @@ class ValueTotal:
 
 @dataclass(slots=True)
 class PoseTotal:
-    """All poses of one stream: see `PoseFigures`. `cell_m` grows where there are many cells."""
+    """All poses of one stream: see `PoseFigures`. `cell_m` grows where there are many cells.
+
+    The ends are exact, whatever the cells: empty until there is a valid sample.
+    """
 
     parent: str
     child: str
@@ -57,18 +70,38 @@ class PoseTotal:
     from_above: Cells = field(default_factory=Counter)
     from_side: Cells = field(default_factory=Counter)
     tilts: Counter[int] = field(default_factory=Counter)
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    tilt_ends: tuple[float, ...] = ()
     left_out: int = 0
     episodes: int = 0
 
-    def add(self, above: dict[tuple[int, int], int], side: dict[tuple[int, int], int]) -> None:
-        """Add the cells of an episode, which are 1 cm wide."""
+    def add(self, pose: PoseFigures) -> None:
+        """Add an episode, whose cells are 1 cm wide."""
+        self.episodes += 1
+        self.left_out += pose.left_out
+        self.tilts.update(pose.tilts)
+        self.low = _each(min, self.low, pose.low)
+        self.high = _each(max, self.high, pose.high)
+        ends = (*self.tilt_ends, *pose.tilt_ends)
+        self.tilt_ends = (min(ends), max(ends)) if ends else ()
+        self._add_cells(pose)
+
+    def _add_cells(self, pose: PoseFigures) -> None:
         factor = round(self.cell_m / 0.01)
-        self.from_above.update(_coarser(above, factor))
-        self.from_side.update(_coarser(side, factor))
+        self.from_above.update(_coarser(pose.from_above, factor))
+        self.from_side.update(_coarser(pose.from_side, factor))
         while max(len(self.from_above), len(self.from_side)) > _MOST_CELLS:
             self.from_above = _coarser(self.from_above, 2)
             self.from_side = _coarser(self.from_side, 2)
             self.cell_m *= 2
+
+
+def _each(
+    choose: Callable[[float, float], float], first: tuple[float, ...], second: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Choose of each pair; of an empty tuple and another the other."""
+    return tuple(map(choose, first, second)) if first and second else first or second
 
 
 def _coarser(cells: dict[tuple[int, int], int], factor: int) -> Cells:
@@ -111,6 +144,12 @@ class Totals:
         By stream and component.
     poses : dict
         By stream.
+    taxels : dict
+        By (stream, unit, grid).
+    large_taxels : dict of str to (int, int)
+        Streams of taxels that are too large to be drawn, and the largest grid of each.
+    sounds : dict
+        By stream.
     sensors : dict of str to Counter
         By stream.
     kinds : dict of str to dict of str to int
@@ -131,6 +170,9 @@ class Totals:
     clocks: dict[str, list[ClockFigures]] = field(default_factory=dict)
     values: dict[tuple[str, str], ValueTotal] = field(default_factory=dict)
     poses: dict[str, PoseTotal] = field(default_factory=dict)
+    taxels: dict[tuple[str, str, tuple[int, int]], TaxelTotal] = field(default_factory=dict)
+    large_taxels: dict[str, tuple[int, int]] = field(default_factory=dict)
+    sounds: dict[str, SoundTotal] = field(default_factory=dict)
     sensors: dict[str, Counter[str]] = field(default_factory=dict)
     kinds: dict[str, Counter[str]] = field(default_factory=dict)
     holding: Counter[str] = field(default_factory=Counter)
@@ -208,7 +250,14 @@ class Totals:
             total.episodes += 1
         for pose in one.poses:
             total_pose = self.poses.setdefault(pose.stream, PoseTotal(pose.parent, pose.child))
-            total_pose.add(pose.from_above, pose.from_side)
-            total_pose.tilts.update(pose.tilts)
-            total_pose.left_out += pose.left_out
-            total_pose.episodes += 1
+            total_pose.add(pose)
+        for name, grid in one.large_taxels:
+            if name in self.large_taxels or len(self.large_taxels) < _MOST_GRIDS:
+                self.large_taxels[name] = max(grid, self.large_taxels.get(name, grid))
+        for felt in one.taxels:
+            key = (felt.stream, felt.unit, felt.grid)
+            if key not in self.taxels and len(self.taxels) == _MOST_GRIDS:
+                continue  # of which only a few are drawn
+            self.taxels.setdefault(key, TaxelTotal(felt.unit, felt.grid)).add(felt)
+        for heard in one.sounds:
+            self.sounds.setdefault(heard.stream, SoundTotal()).add(heard)

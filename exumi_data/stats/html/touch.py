@@ -13,8 +13,9 @@ from exumi_data.stats.html.maps import finger_map, row_map
 from exumi_data.stats.html.markup import Html
 from exumi_data.stats.html.material import Material
 from exumi_data.stats.html.pictures import ContactMap
+from exumi_data.stats.html.taxels import taxels
 from exumi_data.stats.html.totals import TouchTotal
-from exumi_data.stats.html.words import counted, percent, top
+from exumi_data.stats.html.words import counted, parts_of_episodes, percent, top
 from exumi_data.tactile import ACTIVITY_SIZE
 from exumi_data.wording import time_text
 
@@ -34,9 +35,11 @@ def touch(material: Material) -> Html:
     """
     totals = material.totals
     title, lead = "Touch", "When, at what and where the fingers feel something."
+    cells = taxels(material)
     if not totals.holding["tactile"]:
         why = "No episode has a stream of kind tactile."
-        return section("touch", title, "", cards(missing("No tactile images", why)))
+        absent = missing("No tactile images", why)
+        return section("touch", title, lead if cells else "", cards(*cells, absent))
     charts: list[Html] = []
     everything = TouchTotal()
     for one in totals.touch.values():
@@ -60,7 +63,7 @@ def touch(material: Material) -> Html:
     if not maps:
         why = "No stream has a reference image, so contact cannot be told from the frames."
         charts.append(missing("Where it is touched", why))
-    return section("touch", title, lead, cards(*charts))
+    return section("touch", title, lead, cards(*charts, *cells))
 
 
 def _shares(total: TouchTotal) -> list[float]:
@@ -69,9 +72,7 @@ def _shares(total: TouchTotal) -> list[float]:
 
 
 def _x(material: Material) -> tuple[tuple[float, float], str]:
-    if len(material.totals.rows) == 1:
-        return (0.0, material.totals.rows[0].duration_s), "time (s)"
-    return (0.0, 100.0), "time within the episode (% of its length)"
+    return parts_of_episodes([row.duration_s for row in material.totals.rows])
 
 
 def _over_time(material: Material, total: TouchTotal) -> Html:

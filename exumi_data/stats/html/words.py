@@ -3,8 +3,9 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 from exumi_data.stats.html.markup import shortened
+from exumi_data.wording import counted
 
-__all__ = ["REGIMES", "counted", "listed", "named", "percent", "top"]
+__all__ = ["REGIMES", "counted", "listed", "named", "parts_of_episodes", "percent", "top"]
 
 REGIMES = {"touch": "touch clip", "play": "play episode", "demonstration": "demonstration"}
 
@@ -24,18 +25,6 @@ def percent(share: float | None) -> str:
     if 0.999 < share < 1:
         return "> 99.9 %"
     return f"{share:.0%}".replace("%", " %") if share in (0, 1) else f"{share * 100:.1f} %"
-
-
-def counted(number: int, what: str) -> str:
-    """Write a number of things: ``1 episode``, ``2,000 episodes``.
-
-    Parameters
-    ----------
-    number : int
-    what : str
-        The thing; an s makes it several.
-    """
-    return f"{number:,} {what}" if number == 1 else f"{number:,} {what}s"
 
 
 def named(values: Iterable[str], most: int = 3, longest: int = 40) -> str:
@@ -66,6 +55,19 @@ def listed(words: Sequence[str]) -> str:
     if len(words) < 2:
         return "".join(words)
     return f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def parts_of_episodes(durations: Sequence[float]) -> tuple[tuple[float, float], str]:
+    """Return the ends and the title of an axis of time within episodes.
+
+    Parameters
+    ----------
+    durations : sequence of float
+        Seconds. One episode has its own time, several are laid over each other.
+    """
+    if len(durations) == 1:
+        return (0.0, durations[0]), "time (s)"
+    return (0.0, 100.0), "time within the episode (% of its length)"
 
 
 def top(counts: Mapping[str, int], most: int) -> tuple[list[tuple[str, int]], int, int]:

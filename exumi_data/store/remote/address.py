@@ -12,6 +12,8 @@ __all__ = ["SCHEMES", "Address", "is_url", "join"]
 
 SCHEMES = ("s3", "gs", "az", "http", "https")
 _WEB = ("http", "https")
+_LONGEST = 4096  # of a URL; what sends them panics at 65 thousand
+_BUCKET = re.compile(r"[A-Za-z0-9$][A-Za-z0-9._-]*")
 _BROKEN = re.compile(r"(s3|gs|az|https?):/(?!/)")
 
 
@@ -102,8 +104,11 @@ class Address:
         UnsupportedError
             An unknown scheme.
         UsageError
-            No bucket or host, or credentials where they do not belong.
+            No bucket or host, credentials where they do not belong, or what no URL has.
         """
+        if len(url) > _LONGEST or not url.isprintable():
+            what = "longer than any URL" if url.isprintable() else "a URL with control characters"
+            raise UsageError(what, where=ascii(without_secrets(url)[:100]))
         scheme, _, rest = url.partition("://")
         scheme = scheme.lower()
         if scheme not in SCHEMES:
@@ -121,16 +126,28 @@ def _of_bucket(scheme: str, rest: str, url: str) -> Address:
         what = "a URL with credentials in it" if "@" in bucket else "no bucket is named"
         fix = "Credentials come from the environment. A URL is like s3://bucket/folder."
         raise UsageError(what, where=url, fix=fix)
+    if not _BUCKET.fullmatch(bucket):
+        what = "the name of a bucket has letters, digits, dots and hyphens only"
+        raise UsageError(what, where=url, fix="A URL is like s3://bucket/folder.")
     return Address(f"{scheme}://{bucket}", _checked(key, url))
 
 
 def _of_web(url: str) -> Address:
-    parts = urlsplit(url)
-    user, _, host = parts.netloc.rpartition("@")
-    if not host:
+    try:
+        parts = urlsplit(url)
+        user, _, host = parts.netloc.rpartition("@")
+        _ = parts.port  # raises where it is none
+        path = unquote(parts.path, errors="strict")
+    except ValueError as error:
+        raise UsageError(f"not a URL ({error})", where=url) from None
+    if not host or " " in host:
         raise UsageError("no host is named", where=url, fix="A URL is like https://host/folder.")
-    root = f"{parts.scheme}://{host}"
-    return Address(root, _checked(unquote(parts.path), url), parts.query, user)
+    if "#" in url:
+        where = url.partition("#")[0]
+        raise UsageError("a URL that has a #", where=where, fix="In the name of a file, write %23.")
+    if "%2f" in parts.path.lower():  # which a request could not keep: it would ask for another file
+        raise UsageError("a URL with %2F in its path, which is read as /", where=url)
+    return Address(f"{parts.scheme}://{host}", _checked(path, url), parts.query, user)
 
 
 def _checked(key: str, url: str) -> str:

@@ -147,7 +147,7 @@ class DiskCache:
         """Count bytes that are to be written, if there is room for them or it can be made."""
         with self._open_total() as total:
             used = _number(os.pread(total, 32, 0))
-            if used is None:  # spoiled, such as by a power loss
+            if used is None:  # new, lost, or spoiled by a power loss
                 used = sum(size for _, size, _ in self._objects())
             if used + length > self._limit:
                 used = self._make_room(key, length)
@@ -173,6 +173,7 @@ class DiskCache:
 
         The object that is to be written stays.
         """
+        self._remove_halves()
         known = sorted(self._objects())
         used = sum(size for _, size, _ in known)
         for read_at, size, path in known:
@@ -187,6 +188,14 @@ class DiskCache:
                 path.with_suffix(_SUMS).unlink(missing_ok=True)
                 used -= size
         return used
+
+    def _remove_halves(self) -> None:
+        """Remove what lost its other file, as when a process ended between the two."""
+        for path in self._folder.glob("*/*"):
+            other = path.with_suffix(_SUMS if path.suffix == _DATA else _DATA)
+            with suppress(OSError):
+                if not other.exists() and time.time() - path.stat().st_mtime > _UNUSED_S:
+                    path.unlink()
 
     def _objects(self) -> Iterator[tuple[float, int, Path]]:
         """Yield of each object when it was read, its bytes on the disk, and its file."""
@@ -208,7 +217,7 @@ def _sums(descriptor: int, first: int, stop: int) -> np.ndarray:
 
 def _number(text: bytes) -> int | None:
     text = text.strip()
-    return int(text or b"0") if not text or text.isdigit() else None
+    return int(text) if text.isdigit() else None
 
 
 def _sum(block: bytes) -> int:

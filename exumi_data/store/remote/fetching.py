@@ -1,10 +1,13 @@
 """Requests in parallel; in a forked process, through a helper process.
 
-obstore's threads do not survive a fork, and its calls would wait for them for ever. Workers of a
-DataLoader are forked. Such a process starts a fresh interpreter that sends its requests.
+obstore's threads do not survive a fork: its calls would wait for them for ever, and what they wait
+on is shared with the program that was forked, which would crash. Workers of a DataLoader are
+forked. Such a process starts a fresh interpreter that sends its requests, whoever used obstore
+before the fork.
 """
 
 import json
+import multiprocessing
 import os
 import struct
 import subprocess
@@ -27,8 +30,19 @@ Outcome = Answer | Exception
 _PARALLEL = 32
 _HEADER = struct.Struct("<IQ")
 
-_first_user: int | None = None
-"""The process in which obstore started its threads: a fact of the whole process and its forks."""
+_is_fork = "obstore" in sys.modules and multiprocessing.parent_process() is not None
+"""Whether obstore was loaded before this process was forked: a fact of the whole process.
+
+Where this module is loaded after the fork, a process of `multiprocessing` is taken for one.
+"""
+
+
+def _after_fork() -> None:
+    global _is_fork  # noqa: PLW0603  # see above
+    _is_fork = "obstore" in sys.modules
+
+
+os.register_at_fork(after_in_child=_after_fork)
 
 
 class Fetcher:
@@ -48,12 +62,9 @@ class Fetcher:
 
     def fetch(self, requests: Sequence[Request]) -> list[Outcome]:
         """Send requests in parallel; return what became of each, in their order."""
-        global _first_user  # noqa: PLW0603  # see above: obstore's threads are the process's
         with self._lock:
             self.requests += len(requests)
-            if _first_user is None:
-                _first_user = os.getpid()
-            if _first_user != os.getpid():
+            if _is_fork:
                 return self._through_helper(requests)
             if self._threads is None:
                 self._threads = DaemonThreads(_PARALLEL, "exumi-remote")

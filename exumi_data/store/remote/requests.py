@@ -21,16 +21,29 @@ from exumi_data.store.remote.address import Address
 if TYPE_CHECKING:
     from obstore.store import ObjectStore
 
-__all__ = ["Answer", "Request", "perform"]
+__all__ = ["Answer", "Request", "perform", "store_of"]
 
 Kind = Literal["range", "tail", "whole", "head", "list"]
 
 MOST_LISTED = 100_000
 """Objects of one listing: an episode has a hundred."""
 _TIMEOUTS = {"connect_timeout": "5s", "read_timeout": "20s", "timeout": "120s"}
+_AZURE_HOST = ".blob.core.windows.net"
+_without_ends: set[str] = set()
+"""Web servers that were seen to refuse the request for an object's end: asked so once only."""
 _RETRIES = 4
 _RETRY_S = 60
-_ENDPOINTS = ("AWS_ENDPOINT_URL", "AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT")
+_ENDPOINTS = {
+    "s3": ("AWS_ENDPOINT_URL", "AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT"),
+    "gs": ("GOOGLE_BASE_URL",),
+    "az": ("AZURE_STORAGE_ENDPOINT", "AZURE_ENDPOINT"),
+}
+"""Where another server is named than the provider's own; obstore itself reads most of them."""
+_LOOK_AT = {
+    "s3": "AWS_ENDPOINT_URL, AWS_REGION",
+    "gs": "GOOGLE_BASE_URL",
+    "az": "AZURE_STORAGE_ACCOUNT_NAME, AZURE_STORAGE_ENDPOINT",
+}
 _CREDENTIALS = {
     "s3": "Set AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and AWS_REGION (and AWS_ENDPOINT_URL where "
     "it is not Amazon's); for a public bucket AWS_SKIP_SIGNATURE=true.",
@@ -94,19 +107,36 @@ def perform(request: Request) -> Answer:
     LimitError
         The object is longer than asked for.
     """
-    store = _store(request.address.root, request.address.query, request.address.user)
+    store = store_of(request.address)
     from obstore.exceptions import BaseError  # there is a store, so there is obstore
 
     try:
         if request.kind == "list":
             return _list(store, request.address)
-        if request.kind == "tail" and request.address.scheme == "az":  # it has no such request
-            return _tail_by_size(store, request)
+        if request.kind == "tail":
+            return _tail(store, request)
         return _get(store, request)
     except FileNotFoundError:
         raise FileNotFoundError(request.address.shown) from None
     except (BaseError, ValueError, OSError) as error:
         raise _explained(error, request.address) from None
+
+
+def store_of(address: Address) -> "ObjectStore":
+    """Return obstore's store of an address's bucket or host, as the environment says.
+
+    Parameters
+    ----------
+    address : Address
+
+    Raises
+    ------
+    MissingExtraError
+        obstore is not installed.
+    UnreachableError
+        What the environment says makes no store.
+    """
+    return _store(address.root, address.query, address.user)
 
 
 @lru_cache(maxsize=64)
@@ -121,7 +151,8 @@ def _store(root: str, query: str, user: str) -> "ObjectStore":
             fix='Install it with: pip install "exumi-data[cloud]"',
         ) from None
     client: dict[str, Any] = dict(_TIMEOUTS)
-    endpoint = next((os.environ[name] for name in _ENDPOINTS if os.environ.get(name)), "")
+    named = _ENDPOINTS.get(root.partition("://")[0], ())
+    endpoint = next((os.environ[name] for name in named if os.environ.get(name)), "")
     if root.startswith("http://") or endpoint.startswith("http://"):
         client["allow_http"] = True  # who writes http:// means it
     if user:
@@ -129,7 +160,7 @@ def _store(root: str, query: str, user: str) -> "ObjectStore":
         encoded = base64.b64encode(unquote(user).encode()).decode()
         client["default_headers"] = {"Authorization": f"Basic {encoded}"}
     options: dict[str, Any] = {}
-    if root.startswith("s3://") and endpoint:
+    if root.startswith("s3://") and endpoint:  # of the three, obstore does not read all
         options["config"] = {"endpoint": endpoint}
     backoff = {
         "init_backoff": timedelta(seconds=0.1),
@@ -152,8 +183,11 @@ def _store(root: str, query: str, user: str) -> "ObjectStore":
             **options,
         )
         return store
-    except (BaseError, ValueError) as error:
-        raise _explained(error, Address(root, "", query, user)) from None
+    except (BaseError, ValueError) as error:  # nothing was asked of a server yet
+        address = Address(root, "", query, user)
+        said = without_secrets(str(error).partition("\n")[0])[:200]
+        fix = _CREDENTIALS.get(address.scheme, "Look at the URL.")
+        raise UnreachableError(f"cannot be opened ({said})", where=address.shown, fix=fix) from None
 
 
 def _get(store: "ObjectStore", request: Request) -> Answer:
@@ -170,6 +204,14 @@ def _get(store: "ObjectStore", request: Request) -> Answer:
         options = {"range": {"suffix": request.length}}
     result = obstore.get(store, address.key, options=options)
     meta = result.meta
+    encoding = str(result.attributes.get("Content-Encoding", ""))
+    if encoding not in ("", "identity"):
+        raise UnreachableError(
+            f"the server sends it compressed (Content-Encoding: {encoding[:40]}), of which no part "
+            "can be read",
+            where=address.shown,
+            fix="Upload it as it is, and switch compression off for these files.",
+        )
     if request.kind == "whole" and meta["size"] > request.length:
         raise LimitError(f"the file has more than {request.length:,} bytes", where=address.shown)
     parts, got = [], 0
@@ -185,16 +227,41 @@ def _get(store: "ObjectStore", request: Request) -> Answer:
     return Answer(b"".join(parts), meta["size"], _tag(meta))
 
 
+def _tail(store: "ObjectStore", request: Request) -> Answer:
+    """Get the end of an object in one request, or in two where a server knows ranges but no ends.
+
+    Azure is such a server, and is met behind signed URLs as well.
+    """
+    root = request.address.root
+    if request.address.scheme == "az" or root.endswith(_AZURE_HOST) or root in _without_ends:
+        return _tail_by_size(store, request)
+    try:
+        return _get(store, request)
+    except Exception as error:
+        if request.address.scheme not in ("http", "https") or not _may_know_no_ends(error):
+            raise
+    answer = _tail_by_size(store, request)
+    _without_ends.add(root)
+    return answer
+
+
+def _may_know_no_ends(error: Exception) -> bool:
+    text = str(error)
+    return type(error).__name__ == "NotSupportedError" or _status(text) in (400, 416, 501)
+
+
 def _tail_by_size(store: "ObjectStore", request: Request) -> Answer:
-    size = _get(store, request._replace(kind="head")).size
-    start = max(0, size - request.length)
-    return _get(store, Request("range", request.address, start, size - start))
+    known = _get(store, request._replace(kind="head"))
+    start = max(0, known.size - request.length)
+    if start == known.size:
+        return known
+    return _get(store, Request("range", request.address, start, known.size - start))
 
 
 def _tag(meta: Any) -> str:
     # Where the server does not say when, obstore says 1970.
     known = meta["e_tag"] or (meta["last_modified"].timestamp() and meta["last_modified"])
-    return str(known or "")
+    return str(known or "").replace('"', "")  # Azure's listings do not quote it, its answers do
 
 
 def _list(store: "ObjectStore", address: Address) -> Answer:
@@ -235,16 +302,19 @@ def _explained(error: Exception, address: Address) -> ExumiError:
     elif "kind: Connect" in text or "dns error" in text:
         what = "the server cannot be reached"
         fix = "Look at the name of the host, the network and its proxies, and try again."
-        if address.scheme == "s3":
-            fix = "Look at AWS_ENDPOINT_URL, AWS_REGION and the network, and try again."
+        if address.scheme in _LOOK_AT:
+            fix = f"Look at {_LOOK_AT[address.scheme]} and the network, and try again."
     elif "status: 416" in text or "InvalidRangeRequest" in text:
         return DamagedDataError("is shorter than it was", where=address.shown)
+    elif "following redirect" in text:
+        what, fix = "the server sends on without end", "Look at the URL."
     elif "Body" in text or "IncompleteMessage" in text:
         what = "the answer was cut short, each time it was asked for"
     elif (status := _status(text)) is not None:
         what, fix = f"the server answered with status {status}", "Try again later."
         if status == 404:  # of a listing
-            what, fix = "there is no such bucket", "Look at the URL, and at AWS_ENDPOINT_URL."
+            what = "there is no such bucket"
+            fix = f"Look at the URL, and at {_LOOK_AT.get(address.scheme, 'the server')}."
     return UnreachableError(what, where=address.shown, fix=fix)
 
 

@@ -9,6 +9,7 @@ from functools import cached_property
 from itertools import pairwise
 
 from exumi_data.errors import DamagedDataError, LimitError, NotAnEpisodeError, UnreachableError
+from exumi_data.lazy import unlocked
 from exumi_data.store.paths import check_member_path
 from exumi_data.store.remote.address import Address
 from exumi_data.store.remote.reading import Identity, RemoteFile, Span, reader
@@ -39,6 +40,7 @@ _CHUNK = re.compile(r"(?P<array>.+)/c/\d+(?P<rest>(/0)*)")
 _FRAME_AXES = 4
 
 
+@unlocked
 class RemoteZipStore:
     """A remote episode that is one stored zip. Its directory is read when it is first needed.
 
@@ -170,6 +172,7 @@ class RemoteZipStore:
         self.__init__(state["source"], state["identity"])  # type: ignore[misc]  # as __getstate__ wrote
 
 
+@unlocked
 class RemoteFolderStore:
     """A remote episode that is a folder: an object for each file.
 

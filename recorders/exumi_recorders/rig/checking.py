@@ -164,6 +164,7 @@ def disk_gate(rig: Rig, ports: Sequence[Port], out: Path | None = None) -> Gate:
     if minutes < least:
         return Gate("disk", str(out), "fail", found, expected, fix)
     if minutes < _EASY * least:
+        expected = f"{_EASY * least:g} minutes or more; {least:g} are a must"
         return Gate("disk", str(out), "warn", found, expected, fix)
     return Gate("disk", str(out), "pass", found, expected)
 

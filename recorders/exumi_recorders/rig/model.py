@@ -7,8 +7,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from exumi_data.errors import UsageError
 from exumi_data.model.base import Identifier, StreamName
 from exumi_data.model.description import Embodiment
+from exumi_data.release.licence import stated_licence
 from exumi_recorders.contract import DriverType
 
 __all__ = ["FORMAT", "VERSION", "About", "Controls", "Device", "Hooks", "Limits", "Rig", "expanded"]
@@ -27,6 +29,13 @@ def _starts_with_a_program(words: list[str]) -> list[str]:
     return words
 
 
+def _is_licence(text: str) -> str:
+    try:
+        return stated_licence(text)
+    except UsageError as error:
+        raise ValueError(error.what) from None  # which the rig file's line is put before
+
+
 _Command = Annotated[list[_Text], Field(min_length=1), AfterValidator(_starts_with_a_program)]
 
 
@@ -41,7 +50,7 @@ class About(_Section):
 
     name: Identifier
     """Of the device, such as ``exumi``."""
-    licence: Identifier
+    licence: Annotated[Identifier, AfterValidator(_is_licence)]
     """SPDX expression of what is recorded; ``NOASSERTION`` when that is not decided."""
     serial: _Text | None = None
     hub: _Text | None = None

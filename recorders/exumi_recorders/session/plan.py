@@ -20,10 +20,19 @@ from exumi_data.model import (
     Source,
     Task,
 )
+from exumi_data.release.licence import stated_licence
 from exumi_recorders.rig.model import Rig
 from exumi_recorders.session.labels import TouchLabels
 
-__all__ = ["Calibrated", "Plan", "Regime", "check_plan", "episode_document", "new_episode_id"]
+__all__ = [
+    "Calibrated",
+    "Plan",
+    "Regime",
+    "check_plan",
+    "episode_document",
+    "licence_of",
+    "new_episode_id",
+]
 
 Regime = Literal["demonstration", "play", "touch"]
 
@@ -116,8 +125,25 @@ def check_plan(plan: Plan) -> None:
             make()
         except ValidationError as error:
             wrong += [_said(item) for item in error.errors()]
+    if plan.licence is not None:
+        try:
+            stated_licence(plan.licence)
+        except UsageError as error:
+            wrong.append(f"--licence: {error.what}")
     if wrong:
         raise UsageError("; ".join(dict.fromkeys(wrong)), fix="Say something shorter, or simpler.")
+
+
+def licence_of(plan: Plan, rig: Rig) -> str:
+    """Return the licence of what is recorded: that of the session, or else of the rig file.
+
+    Parameters
+    ----------
+    plan : Plan
+        Checked with `check_plan`.
+    rig : Rig
+    """
+    return rig.about.licence if plan.licence is None else stated_licence(plan.licence)
 
 
 def _is_text(text: str | None) -> bool:
@@ -134,7 +160,7 @@ def _about(plan: Plan) -> EpisodeMetadata:
         id="00000000-0000-7000-8000-000000000000",
         task=Task(name="task"),
         regime=plan.regime,
-        licence="NOASSERTION" if plan.licence is None else plan.licence,
+        licence="NOASSERTION",
         source=Source(type="recorded", tool=_TOOL, tool_version=__version__),
         **_given({"operator": plan.operator, "site": plan.site}),
     )
@@ -186,7 +212,7 @@ def episode_document(
         regime=plan.regime,
         device=Device(**_given(device)),
         calibration=dict(calibrated.items),
-        licence=plan.licence or about.licence,
+        licence=licence_of(plan, rig),
         source=Source(
             type="simulated" if plan.is_simulated else "recorded",
             tool=_TOOL,

@@ -24,7 +24,7 @@ from exumi_recorders.rig.simulated import NAME, SimulatedSettings, simulated_rig
 from exumi_recorders.session.labels import TrialCounter
 from exumi_recorders.session.messages import Message
 from exumi_recorders.session.operator import Operator
-from exumi_recorders.session.plan import Calibrated, Plan, check_plan
+from exumi_recorders.session.plan import Calibrated, Plan, check_plan, licence_of
 from exumi_recorders.session.preview import Preview
 from exumi_recorders.session.readiness import check_calibration
 from exumi_recorders.session.session import Session
@@ -209,7 +209,7 @@ def _dataset_of(rig: Rig, out: Path | None, plan: Plan) -> Path:
         root,
         DatasetMetadata(
             name=_name_of(place),
-            licence=plan.licence or rig.about.licence,
+            licence=licence_of(plan, rig),
             made_by=MadeBy(tool="exumi record", tool_version=__version__),
         ),
     )

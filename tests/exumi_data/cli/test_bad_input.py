@@ -7,6 +7,7 @@ import stat
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -15,6 +16,7 @@ from typer.testing import CliRunner
 from exumi_data.cli.app import app
 from exumi_data.cli.failures import reported
 from exumi_data.store.pack import pack
+from tests.exumi_data.builders import edit_json, edit_metadata
 
 Program = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -240,6 +242,45 @@ def test_names_cannot_write_to_the_terminal(exumi: Program, tmp_path: Path) -> N
     said = refused(exumi("validate", tmp_path / "\x1b[31mred\x07"))
     assert r"\x1b[31mred\x07: no such file" in said
     assert "\x1b" not in said
+
+
+CODE = "\x1b[31mred[bold]"
+
+
+def painted(values: Any) -> Any:
+    """Return metadata in which every text that its maker chose holds codes, and markup."""
+    free = {"algorithm", "by", "detail", "instruction", "message", "object_id", "operator", "site"}
+    free |= {"tool", "tool_version"}
+    if isinstance(values, list):
+        return [painted(value) for value in values]
+    if not isinstance(values, dict):
+        return values
+    return {key: CODE if key in free else painted(value) for key, value in values.items()}
+
+
+def test_metadata_cannot_write_to_the_terminal(
+    exumi: Program, dataset: Path, episode: Path
+) -> None:
+    def paint_dataset(metadata: Any) -> None:
+        by = {"tool": CODE, "tool_version": CODE}
+        metadata |= {"name": CODE, "description": CODE, "authors": [CODE], "made_by": by}
+
+    def paint_episode(metadata: Any) -> None:
+        named = {"task": {"name": CODE, "instruction": CODE}, "operator": CODE, "site": CODE}
+        metadata.update({**painted(metadata), **named})
+
+    edit_json(dataset / "dataset.json", paint_dataset)
+    edit_metadata(episode, paint_episode)
+    (dataset / "catalog.parquet").unlink()
+    for verb in ("info", "stats", "validate"):
+        for path in (dataset, episode):
+            done = exumi(verb, path)
+            assert done.returncode == 0, done
+            assert "\x1b" not in done.stdout + done.stderr
+            if verb == "info":
+                assert r"\x1b[31mred[bold]" in done.stdout
+            if (verb, path) == ("info", episode):
+                assert done.stdout.count(r"\x1b[31mred[bold]") > 8
 
 
 def test_a_link_that_leads_in_a_circle(exumi: Program, tmp_path: Path) -> None:

@@ -53,6 +53,7 @@ def test_a_dataset_goes_out_and_comes_back(exumi: Program, dataset: Path, tmp_pa
     ("arguments", "words"),
     [
         (("--to", "zoo"), "Invalid format (zoo)"),
+        (("--licence", "bogus"), "'bogus' is no SPDX licence expression"),
         (("--from", "umi", "--to", "mcap"), "converted to exUMI first"),
         (("--to", "mcap", "-o", "video"), "Invalid option (video)"),
         (("--to", "mcap", "-o", "video=gif"), "Invalid video (gif)"),

@@ -126,7 +126,18 @@ def test_licences_that_differ_have_to_be_decided(root: Path, tmp_path: Path) -> 
         (("rate", "SET", "--all", "--note", "late"), "CODE=TEXT"),
         (("rate", "SET", "--all", "--success", "--unknown"), "not both"),
         (("trim", "SET", "--all"), "from when to when"),
+        (("relabel", "SET", "--all", "--licence", "bogus"), "no SPDX licence expression"),
+        (("relabel", "SET", "--all", "--licence", "CC BY"), "no SPDX licence expression"),
+        (("relabel", "SET", "--all", "--licence", ""), "the licence is empty"),
+        (("merge", "SET", "SET", "--out", "NEW", "--licence", "bogus"), "no SPDX licence"),
+        (("relabel", "SET", "--all", "--clear", "foo"), "Fields are task, instruction, regime"),
         (("split", "SET", "--lists", "train"), "train=8,val=1"),
+        (("split", "SET", "--lists", "../train=8,val=1"), "'../train' is no name of a list"),
+        (("split", "SET", "--lists", "..=8,val=1"), "no name of a list"),
+        (("split", "SET", "--lists", "a/b=8,val=1"), "no name of a list"),
+        (("split", "SET", "--lists", f"{'x' * 65}=8,val=1"), "At most 64 letters"),
+        (("split", "SET", "--lists", f"train={'9' * 5000},val=1"), "more than 9 digits"),
+        (("split", "SET", "--name", "x" * 65), "at most 64 letters"),
         (("split", "SET", "--by", "object"), "no object_id"),
         (("split", "SET", "--name", "A B"), "no name of a split"),
         (("relabel", "SET", "--all", "--task", " "), "task"),
@@ -209,3 +220,23 @@ def test_what_was_changed_since_is_not_written_over(
     assert refused.exit_code == 2
     assert "holds 1 of these episodes as they are not here" in refused.stderr
     assert state_of(tmp_path) == before
+
+
+def test_licences_and_labels_as_they_are_written_down(root: Path) -> None:
+    good("relabel", root, IDS[0], "--licence", "cc-by-4.0", "--label", "hardness=7:0..10")
+    good("relabel", root, IDS[1], "--licence", "NOASSERTION")
+    found = {one.id: one.metadata for one in open_dataset(root)}
+    assert [found[one].licence for one in IDS[:2]] == ["CC-BY-4.0", "NOASSERTION"]
+    refused = run("relabel", root, "--all", "--clear", "hardnes")
+    assert refused.exit_code == 2
+    assert "labels of these episodes: hardness" in refused.stderr
+    assert "1 of 3 episodes changed" in good("relabel", root, "--all", "--clear", "hardness")
+
+
+def test_episodes_that_are_links_are_not_left_out_in_silence(root: Path, tmp_path: Path) -> None:
+    episode = next(root.glob("episodes/*/*"))
+    outside = episode.rename(tmp_path / episode.name)
+    episode.symlink_to(outside)
+    done = run("select", root, tmp_path / "new", "--all")
+    assert done.exit_code == 0
+    assert f"1 link in {root / 'episodes'}, not followed" in " ".join(done.stderr.split())

@@ -43,6 +43,7 @@ def demonstrate(out: Path, *options: str, first: str) -> Path:
     steps = (first, "2 Validate  valid", "3 Measure", "4 Prepare", "5 Load windows", "6 Draw")
     for number, step in enumerate(steps, start=1):
         assert step in done.stdout, number
+    assert "s are in episodes, the rest lies before" in done.stdout
     assert str(out / "contact-sheet.png") in done.stdout
     return out
 
@@ -219,9 +220,9 @@ def test_recorded_lies_on_the_truth(recorded: Path, recording: Dataset) -> None:
     pose = recording[0]["pose"]
     true = session.truth.pose(span.start_s + pose.time * 1e-9)
     place_m = np.linalg.norm(pose.data[:, :3] - true[:, :3], axis=1)
-    # Datagrams that a busy machine sends late are stamped late: some, and by milliseconds.
-    assert np.quantile(place_m, 0.9) < 1e-3
-    assert apart.place_m < 3e-3
+    # A busy machine sends some datagrams late, by as much as it stood still, and stamps them late.
+    assert np.median(place_m) < 1e-3
+    assert apart.place_m < 0.1
     training = cast("Dataset", exumi_data.open(recorded / "training"))
     assert_active_when_touched(session, training, span.start_s)
 

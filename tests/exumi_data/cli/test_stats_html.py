@@ -53,7 +53,9 @@ def test_damage_is_the_verdict(dataset: Path, episode: Path, tmp_path: Path) -> 
 def test_an_episode_that_cannot_be_read(dataset: Path, episode: Path, tmp_path: Path) -> None:
     shutil.rmtree(episode / "streams" / "pose" / "data" / "c")
     file = tmp_path / "page.html"
-    assert run(dataset, "--html", file).exit_code == 1
+    done = run(dataset, "--html", file)
+    assert done.exit_code == 1
+    assert done.stdout.startswith(f"{file}: 1 episode, ")
     assert "1 episode could not be read" in file.read_text()
 
 

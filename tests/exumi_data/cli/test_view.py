@@ -73,6 +73,31 @@ def test_damage_is_told_and_is_exit_code_one(exumi: Program, tmp_path: Path) -> 
     assert report["bytes"] == (tmp_path / "one.rrd").stat().st_size
 
 
+def test_only_its_own_files_are_replaced(exumi: Program, tmp_path: Path) -> None:
+    root = write_dataset(tmp_path / "set", 1)
+    file = tmp_path / "view.rrd"
+    file.write_text("mine")
+    done = exumi("view", root, "--save", file)
+    assert done.returncode == 2
+    assert "exists and is no Rerun file" in done.stderr
+    assert file.read_text() == "mine"
+    file.write_bytes(b"RRF2 of another time")
+    done = exumi("view", root, "--save", file)
+    assert done.returncode == 0
+    assert done.stdout.startswith(f"{file}: 1 of 1 episode, ")
+
+
+def test_nothing_is_written_into_the_data(exumi: Program, tmp_path: Path) -> None:
+    root = write_dataset(tmp_path / "set", 1)
+    episode = open_dataset(root).episode_location(0)
+    (tmp_path / "link").symlink_to(root)
+    for source, place in ((root, root), (episode, root), (root, tmp_path / "link")):
+        done = exumi("view", source, "--save", place / "view.rrd")
+        assert done.returncode == 2
+        assert "lies inside the data" in done.stderr
+    assert not list(root.glob("*.rrd"))
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -241,3 +241,21 @@ def test_a_split_with_three_lists(tmp_path: Path) -> None:
     assert sorted(chain.from_iterable(made.lists.values())) == sorted(found.ids)
     with pytest.raises(UsageError, match="makes no sense"):
         make_split(found, lists={"train": 0})
+
+
+def test_a_copy_that_is_stopped_leaves_nothing_half_written(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copied: list[str] = []
+
+    def stop_at_the_fourth(*arguments: object) -> None:
+        if len(copied) == 3:
+            raise KeyboardInterrupt
+        copied.append(str(arguments[1]))
+        copy_file(*arguments)  # type: ignore[arg-type]  # the very arguments
+
+    monkeypatch.setattr(copying, "copy_file", stop_at_the_fourth)
+    with pytest.raises(KeyboardInterrupt):
+        copy_episodes(chosen_of(dataset), tmp_path / "new")
+    assert len(copied) == 3
+    assert not list((tmp_path / "new").rglob(".partial-*"))

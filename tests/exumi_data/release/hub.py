@@ -54,8 +54,11 @@ class Hub:
     refuse_after: int | None = None
     hang_after: int | None = None
     is_broken: bool = False
+    # Parts of addresses, the answers that requests to them get, and how many still do.
+    troubles: dict[str, tuple[int, int]] = field(default_factory=dict)
     hanging: threading.Event = field(default_factory=threading.Event)
     go_on: threading.Event = field(default_factory=threading.Event)
+    counting: Any = field(default_factory=threading.Lock)
 
 
 @contextmanager
@@ -102,6 +105,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _answer(self) -> None:
         path = unquote(urlsplit(self.path).path)
         body = self._body()
+        if self._is_troubled(path):
+            return
         if path.startswith("/objects/"):
             self._put(path.removeprefix("/objects/"), body)
         elif self.headers.get("Authorization") != f"Bearer {TOKEN}":
@@ -117,6 +122,14 @@ class _Handler(BaseHTTPRequestHandler):
             self._batch(json.loads(body))
         else:
             self._of_repository(path.removeprefix("/api/datasets/").split("/"), body)
+
+    def _is_troubled(self, path: str) -> bool:
+        for part, (code, times) in self.state.troubles.items():
+            if part in path and times > 0:
+                self.state.troubles[part] = (code, times - 1)
+                self._send(code, {"error": "not now"}, {"Retry-After": "0"})
+                return True
+        return False
 
     def _of_repository(self, parts: list[str], body: bytes) -> None:
         repository = self.state.repositories.get("/".join(parts[:2]))
@@ -201,21 +214,25 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(200, {"transfer": "basic", "objects": answers})
 
     def _put(self, oid: str, body: bytes) -> None:
-        state, count = self.state, len(self.state.uploads)
-        if state.hang_after is not None and count >= state.hang_after:
-            state.hanging.set()
-            state.go_on.wait(30)
-            self.close_connection = True
-            return
-        if state.refuse_after is not None and count >= state.refuse_after:
-            self._send(403, {"error": "The quota is used up"})
-            return
+        state = self.state
         if hashlib.sha256(body).hexdigest() != oid:
             self._send(400, {"error": "other bytes than their name says"})
             return
-        state.objects[oid] = body
-        state.uploads.append(oid)
-        self._send(200, {})
+        with state.counting:  # uploads come several at a time
+            count = len(state.uploads)
+            hangs = state.hang_after is not None and count >= state.hang_after
+            is_refused = state.refuse_after is not None and count >= state.refuse_after
+            if not (hangs or is_refused):
+                state.objects[oid] = body
+                state.uploads.append(oid)
+        if hangs:
+            state.hanging.set()
+            state.go_on.wait(30)
+            self.close_connection = True
+        elif is_refused:
+            self._send(403, {"error": "The quota is used up"})
+        else:
+            self._send(200, {})
 
     def _commit(self, repository: Repository, parts: list[str], body: bytes) -> None:
         files = dict(repository.files)

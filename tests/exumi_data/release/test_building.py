@@ -3,6 +3,7 @@ import json
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -174,14 +175,42 @@ def test_bytes_that_the_catalog_does_not_know(source: Path, tmp_path: Path) -> N
 
 
 def test_what_describes_a_release_is_listed(source: Path, tmp_path: Path, release: Release) -> None:
-    release(source, tmp_path / "out", published="2026-03-01")
+    said: dict[str, Any] = {
+        "published": "2026-03-01",
+        "url": "https://data.example/touch",
+        "authors": ("Ada Example", "Our Lab"),
+        "description": "Touch, and what was touched.",
+        "citation": "Example: Touch. 2026.",
+    }
+    release(source, tmp_path / "out", **said)
     listed = json.loads((tmp_path / "out" / "manifest.json").read_text())
     paths = {one["path"] for one in listed["files"]}
     assert {"README.md", "croissant.json", "LICENSE", "CHANGELOG.md"} <= paths
     described = json.loads((tmp_path / "out" / "croissant.json").read_text())
     assert described["version"] == "1.0.0"
     assert described["datePublished"] == "2026-03-01"
+    assert described["url"] == "https://data.example/touch"
+    assert [one["name"] for one in described["creator"]] == ["Ada Example", "Our Lab"]
+    card = (tmp_path / "out" / "README.md").read_text()
+    assert "Touch, and what was touched." in card
+    assert "Example: Touch. 2026." in card
+    cff = (tmp_path / "out" / "CITATION.cff").read_text()
+    assert "https://data.example/touch" in cff
+    assert "family-names" in cff
     assert verify_release(tmp_path / "out").good
+
+
+def test_what_a_stranger_will_miss_is_told(source: Path, tmp_path: Path) -> None:
+    options = ("--author", "--description", "--published", "--url")
+    told = [n.split(": ")[-1].split()[0] for n in planned(source, tmp_path / "a").notices]
+    assert [option for option in told if option in options] == list(options)
+    said: dict[str, Any] = {
+        "authors": ("Ada",), "description": "x", "published": "2026-03-01", "url": "https://x.example",
+    }  # fmt: skip
+    told = [n.split(": ")[-1].split()[0] for n in planned(source, tmp_path / "a", **said).notices]
+    assert [option for option in told if option in options] == []
+    (problem,) = planned(source, tmp_path / "a", **{**said, "url": "data.example"}).problems
+    assert "no address" in problem
 
 
 def test_an_invalid_result_keeps_its_partial_name(source: Path, tmp_path: Path) -> None:

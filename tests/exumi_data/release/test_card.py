@@ -36,6 +36,7 @@ class Found:
     code: str
     severity: str
     message: str
+    count: int = 1
 
 
 @pytest.fixture(scope="module")
@@ -107,9 +108,9 @@ def test_what_it_says(card: Card) -> None:
 
 
 def test_findings(dataset: Path) -> None:
-    found = [Found("TIME-001", "warning", "late"), Found("SAFE-001", "error", "bad | name")]
+    found = [Found("TIME-001", "warning", "late", 7), Found("SAFE-001", "error", "bad | name")]
     quality = section(card_of(dataset, found).text, "Quality")
-    assert quality.index("SAFE-001 | 1 | bad \\| name") < quality.index("TIME-001 | 1 | late")
+    assert quality.index("SAFE-001 | 1 | bad \\| name") < quality.index("TIME-001 | 7 | late")
     assert "nothing to complain" in section(card_of(dataset, []).text, "Quality")
     assert "exumi validate" not in card_of(dataset).text
 

@@ -13,7 +13,7 @@ from exumi_data.episode import open_episode
 from exumi_data.model import EpisodeMetadata
 from exumi_data.model.dataset import DatasetMetadata, SplitDocument
 from exumi_data.release.changelog import change_lines, changelog_of
-from exumi_data.release.changes import Changes, compare
+from exumi_data.release.changes import Changes, EpisodeChange, compare
 from exumi_data.store.pack import pack
 from tests.exumi_data.builders import episode_id, write_dataset, write_small
 
@@ -151,3 +151,15 @@ def test_changelog_keeps_what_was_said(original: Path, tmp_path: Path) -> None:
         "## 1.0.0",
     ]
     assert three.endswith("## 1.0.0\n\nThe first release.\n")
+
+
+def test_a_thousand_ways_of_relabelling_make_few_lines() -> None:
+    changes = [
+        EpisodeChange(f"{n:04}", "relabelled", {"task.name": ("a", f"b{max(n, 2)}")})
+        for n in range(1000)
+    ]
+    *shown, last = change_lines(Changes(0, tuple(changes), (), {}))
+    assert len(shown) == 20
+    assert shown[0].startswith("3 episodes relabelled, the same samples (task.name ")
+    assert last.startswith("978 episodes relabelled, the same samples, in other ways: 0022, ")
+    assert last.endswith(" and 958 more")

@@ -81,3 +81,37 @@ def test_bibtex_of_its_own_and_of_little() -> None:
 def test_an_edition_that_is_none(said: dict[str, str]) -> None:
     with pytest.raises(UsageError):
         Edition(**said)
+
+
+@pytest.mark.parametrize(
+    ("licence", "said"),
+    [
+        ("CC-BY-4.0", {"license": "CC-BY-4.0"}),
+        # The format has a list of its own, older than these.
+        (
+            "CDLA-Permissive-2.0",
+            {"license-url": "https://spdx.org/licenses/CDLA-Permissive-2.0.html"},
+        ),
+        ("CC-BY-3.0-DE", {"license-url": "https://spdx.org/licenses/CC-BY-3.0-DE.html"}),
+        ("MIT OR Apache-2.0", {}),
+        ("NONE", {}),
+    ],
+)
+def test_what_the_citation_format_knows_of_licences(licence: str, said: dict[str, str]) -> None:
+    text = cff_of(DatasetMetadata(name="x", licence=licence, authors=["A. Person"]))
+    assert text is not None
+    read = yaml.safe_load(text)
+    assert {key: value for key, value in read.items() if key.startswith("license")} == said
+
+
+def test_what_the_citation_format_forbids() -> None:
+    authors = ["Ada Lovelace <ada@localhost>", "", "Ada Lovelace", "y\x80\u2028"]
+    made = DatasetMetadata(name="x\x7f", licence="MIT", authors=authors, citation="10.1234/a+b")
+    read = yaml.safe_load(cff_of(made) or "")
+    assert read["title"] == "x\x7f"
+    assert read["authors"] == [
+        {"family-names": "Lovelace", "given-names": "Ada"},
+        {"name": "y\x80"},
+    ]
+    assert "doi" not in read
+    assert cff_of(DatasetMetadata(name="x", licence="MIT", authors=[" "])) is None

@@ -15,8 +15,10 @@ from huggingface_hub import constants
 
 from exumi_data.catalog import build_catalog, episode_path, write_catalog
 from exumi_data.cli.release_judge import judge_with
+from exumi_data.editing.documents import change_dataset
 from exumi_data.errors import DamagedDataError, ExumiError, UsageError
 from exumi_data.manifest import write_manifest
+from exumi_data.model.dataset import DatasetMetadata
 from exumi_data.release.judging import Judge, Judgement
 from exumi_data.release.pushing import Pushed, push_release
 from exumi_data.release.verifying import verify_release
@@ -73,6 +75,25 @@ def test_a_release_arrives_whole(hub: Hub, made: Path, tmp_path: Path) -> None:
     again = push(hub, made)
     assert again.already
     assert len(hub.repositories[NAME].commits) == 2
+
+
+def test_a_page_written_by_hand_is_said_to_be_replaced(
+    hub: Hub, source: Path, made: Path, tmp_path: Path, release: Release
+) -> None:
+    push(hub, made)
+    repository = hub.repositories[NAME]
+    repository.tags.clear()
+    repository.commit({"README.md": b"mine", "notes.txt": b"mine, too"})
+    pushed = push(hub, made)
+    assert (pushed.replaced, pushed.others, pushed.removed) == (
+        ("README.md",),
+        ("notes.txt",),
+        (),
+    )
+    assert verify_release(download(hub, tmp_path / "now")).findings[0].path == "notes.txt"
+    # That of a release before is replaced without a word.
+    release(source, tmp_path / "v2", previous=made, version="1.1.0")
+    assert push(hub, tmp_path / "v2").replaced == ()
 
 
 def test_public_is_said(hub: Hub, made: Path) -> None:
@@ -204,3 +225,59 @@ def test_a_killed_program_goes_on(hub: Hub, made: Path, tmp_path: Path) -> None:
     assert sent == 2
     assert len(hub.uploads) == len(set(hub.uploads)) == 4
     assert verify_release(download(hub, tmp_path / "copy")).good
+
+
+@pytest.mark.parametrize(
+    ("part", "code"), [("/refs", 429), ("/objects/batch", 500), ("/tag/", 429)]
+)
+def test_a_server_in_trouble(
+    hub: Hub, made: Path, monkeypatch: pytest.MonkeyPatch, part: str, code: int
+) -> None:
+    monkeypatch.setattr(time, "sleep", lambda _seconds: None)
+    hub.troubles[part] = (code, 99)
+    with pytest.raises(ExumiError, match=r"wait some minutes\. What was uploaded is kept"):
+        push(hub, made)
+    hub.troubles.clear()
+    pushed = push(hub, made)
+    # What had appeared before the tag was there is not made anew.
+    assert hub.repositories[NAME].tags == {"v1.0.0": pushed.commit}
+    assert len(hub.repositories[NAME].commits) == 2
+
+
+def test_another_dataset_and_a_later_release_keep_their_place(
+    hub: Hub, source: Path, made: Path, tmp_path: Path, release: Release
+) -> None:
+    release(source, tmp_path / "v2", version="2.0.0", preview_bytes=0)
+    push(hub, tmp_path / "v2")
+    with pytest.raises(UsageError, match=r"a later release is published there: 2\.0\.0"):
+        push(hub, made)
+
+    def named(metadata: DatasetMetadata) -> None:
+        metadata.name = "others"
+
+    change_dataset(source, named)
+    release(source, tmp_path / "v3", version="3.0.0", preview_bytes=0)
+    with pytest.raises(UsageError, match="another dataset is published there: 'tests'"):
+        push(hub, tmp_path / "v3")
+    assert len(hub.repositories[NAME].commits) == 2
+
+
+def test_a_program_that_is_stopped(hub: Hub, made: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "exumi_data.cli", "release", "push", str(made), NAME]
+    hub.hang_after = 1
+    with subprocess.Popen(
+        [*command, "--workers", "1"],
+        env=environment_of(hub, tmp_path),
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as program:
+        assert hub.hanging.wait(60)
+        program.send_signal(signal.SIGINT)
+        try:
+            said = program.communicate(timeout=10)[1]  # the server says nothing for 30 s
+        finally:
+            program.kill()
+    assert program.returncode == 130
+    assert "run the same command again" in said
+    assert "Traceback" not in said
+    assert list(hub.repositories[NAME].files) == [".gitattributes"]

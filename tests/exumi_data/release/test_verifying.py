@@ -206,6 +206,33 @@ def test_what_was_touched_since_is_read_again(copy: Path) -> None:
     assert ("changed", read[0]) in [(one.kind, one.path) for one in result.findings]
 
 
+def test_a_date_that_was_set_back_hides_no_change(copy: Path) -> None:
+    import os
+
+    with pytest.raises(KeyboardInterrupt):
+        verify_release(copy, workers=1, on_progress=_Killed(KeyboardInterrupt))
+    first, second = [json.loads(line)["path"] for line in _lines()][:2]
+    for path in (first, second):
+        known = (copy / path).stat()
+        if path == second:  # another file that takes its name
+            (copy / "new").write_bytes((copy / path).read_bytes())
+            (copy / "new").replace(copy / path)
+        flip(copy / path, 5)
+        os.utime(copy / path, ns=(known.st_atime_ns, known.st_mtime_ns))
+    found = {one.path for one in verify_release(copy, workers=1).findings if one.kind == "changed"}
+    assert found == {first, second}
+
+
+@pytest.mark.parametrize("line", ['{"path": ["a"], "stamp": [1]}', '{"stamp": 1}', "[]", "7"])
+def test_a_line_of_the_state_that_nobody_wrote_is_passed_over(copy: Path, line: str) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        verify_release(copy, workers=1, on_progress=_Killed(KeyboardInterrupt))
+    (path,) = state_folder().iterdir()
+    path.write_text(f"{line}\n{path.read_text()}")
+    result = verify_release(copy, workers=1)
+    assert (result.good, result.resumed) == (True, 3)
+
+
 def _lines() -> list[str]:
     (path,) = state_folder().iterdir()
     return [line for line in path.read_text().splitlines() if line]

@@ -36,6 +36,15 @@ def test_grey_is_that_of_rgb(pixel_format: str, colorspace: int, size: tuple[int
     assert abs(above).max() <= 2
 
 
+@pytest.mark.parametrize("colorspace", [BT601, BT709])
+@pytest.mark.parametrize("pixel_format", FORMATS)
+def test_grey_as_it_is_stored_is_that_grey(pixel_format: str, colorspace: int) -> None:
+    frame, pixels = gel(pixel_format, colorspace), FramePixels()
+    stored, levels = pixels.stored_grey(frame)
+    grey = stored if levels is None else levels[stored]
+    assert abs(grey.astype(int) - pixels.grey(frame)).max() <= 1
+
+
 @pytest.mark.parametrize("pixel_format", FORMATS)
 def test_rgb_is_what_the_gel_was(pixel_format: str) -> None:
     pixels = FramePixels()

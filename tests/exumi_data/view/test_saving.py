@@ -433,3 +433,16 @@ def test_times_beyond_the_clock_are_shown_without_it(tmp_path: Path) -> None:
         (shown,) = read_view(tmp_path / "one.rrd").values()
         column = shown.column("/width/width", "Scalars:scalars")
         assert (column.time, column.utc) == ([0, 2**61], [])
+
+
+def test_a_nearly_full_disk_is_told_before_rerun_waits_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from exumi_data.view import recording
+
+    dataset = open_dataset(write_dataset(tmp_path / "set"))
+    monkeypatch.setattr(recording, "_ROOM_BYTES", 1 << 62)
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(OSError, match="No space left"):
+        save_view(dataset, tmp_path / "view.rrd")
+    assert sorted(tmp_path.iterdir()) == before

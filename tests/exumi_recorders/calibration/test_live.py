@@ -4,6 +4,7 @@ import io
 import json
 import sys
 from collections.abc import Callable, Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -86,31 +87,35 @@ def test_openings_are_read_one_by_one(gripper: Gripper, encoder: LivePort) -> No
     def ask(prompt: str) -> str:
         asked.append(prompt)
         gripper.opening_m = wanted_m(prompt)
-        gripper.trembles = 30.0 if len(asked) == 3 else 0.0  # the third is taken again
+        # The third trembles, and is taken again; a busy machine may ask again for others.
+        first = [round(1e3 * wanted_m(each)) for each in asked].count(20) == 1
+        gripper.trembles = 30.0 if first and wanted_m(prompt) == 0.02 else 0.0
         return ""
 
     said: list[str] = []
     found = read(encoder, ask, said)
-    assert [round(wanted_m(prompt), 3) for prompt in asked] == [0, 0.01, 0.02, 0.02, 0.03, 0.04]
-    assert "not taken: it moved by" in said[2]
-    assert "count 3950" in said[0]
+    wanted = [round(1e3 * wanted_m(prompt)) for prompt in asked]
+    assert tuple(dict.fromkeys(wanted)) == OPENINGS_MM
+    assert wanted.count(20) > 1
+    assert any("not taken: it moved by" in text for text in said)
+    assert any("count 3950" in text for text in said)
     fitted = fit_gripper(found)
     assert fitted.knots[:, 1] == pytest.approx((3950 + 62 * np.arange(5)) % 4096, abs=1.0)
     assert "the counts run over 4095 to 0 within the range" in fitted.notes
 
 
 def test_a_reading_is_repeated(gripper: Gripper, encoder: LivePort) -> None:
-    answers = iter(["", "", BACK, "", "", "", ""])
-    asked: list[float] = []
+    asked: list[int] = []
 
     def ask(prompt: str) -> str:
         asked.append(round(1e3 * wanted_m(prompt)))
-        # The second one is set wrongly first.
-        gripper.opening_m = 0.05 if len(asked) == 2 else wanted_m(prompt)
-        return next(answers)
+        # 10 mm are set wrongly, which is noticed when 20 mm are asked for.
+        gripper.opening_m = wanted_m(prompt) if 20 in asked or asked[-1] == 0 else 0.05
+        return BACK if asked[-1] == 20 and asked.count(20) == 1 else ""
 
     counts = read(encoder, ask, []).counts
-    assert asked == [0, 10, 20, 10, 20, 30, 40]
+    # A busy machine may ask again for the same.
+    assert [one for one, _ in groupby(asked)] == [0, 10, 20, 10, 20, 30, 40]
     assert np.mean(counts[1]) == pytest.approx(3950 + 62, abs=1.0)
 
 

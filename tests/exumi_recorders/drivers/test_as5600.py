@@ -2,6 +2,7 @@
 
 import errno
 import importlib
+import math
 import os
 import sys
 import time
@@ -85,11 +86,11 @@ def test_it_records_the_truth_at_its_stamps() -> None:
 
 
 def test_turns_are_counted_from_home() -> None:
-    began_ns = time.monotonic_ns()
+    falls_ns = math.inf
 
     def counts(now_ns: int) -> float:
-        """Closed for 1.2 s, then two and a half turns in a second, falling."""
-        return 500.0 - 10_240 * min(max((now_ns - began_ns) / 1e9 - 1.2, 0.0), 1.0)
+        """Closed at first, then two and a half turns in a second, falling."""
+        return 500.0 - 10_240 * min(max((now_ns - falls_ns) / 1e9, 0.0), 1.0)
 
     driver = opened(SimulatedBus(As5600Chip(counts)), home=510)
     assert driver.ports[0].metadata == {"raw": {"unit": "count"}}
@@ -97,17 +98,26 @@ def test_turns_are_counted_from_home() -> None:
     assert all(sample.flags & 8 for sample in first)
     assert any("turn is not known" in text for text in driver.health().problems)
     assert driver.health().readings["count"] == 500
-    samples = read_for(driver, 2.2)
+    until = time.monotonic() + 20
+    while driver.health().problems and time.monotonic() < until:
+        read_for(driver, 0.1)  # it is held still until its turn is known
+    falls_ns = time.monotonic_ns()
+    samples = read_for(driver, 1.2)
     driver.close()
     known = [sample for sample in samples if not sample.flags & 8]
-    assert driver.health().problems == ()
     found = np.frombuffer(b"".join(sample.payload for sample in known), "<i4")
-    assert len(found) > 300
     true = np.array([counts(sample.time_host_ns) for sample in known])
     off = np.abs(found - true)
     assert np.quantile(off, 0.9) < 10  # a millisecond of the fastest
     assert off.max() < 2048  # whatever else the machine does: never a turn
-    assert found[-1] == 500 - 10_240
+    stood_still_ns = np.diff([sample.time_host_ns for sample in samples]).max()
+    if stood_still_ns < 50_000_000:
+        assert driver.health().problems == ()
+        assert len(found) > 200
+        assert found[-1] == 500 - 10_240
+    else:  # long enough to miss half a turn: that is told, and nothing more is said to be known
+        assert any("turn is not known" in text for text in driver.health().problems)
+        assert samples[-1].flags & 8
 
 
 def test_the_schedule_has_no_drift() -> None:

@@ -119,7 +119,7 @@ def test_a_headset_of_which_nothing_is_taken_keeps_its_reader_waiting() -> None:
         driver.open()
         began = time.monotonic()
         assert driver.read(0.1) == []
-        assert 0.1 <= time.monotonic() - began < 0.4
+        assert 0.1 <= time.monotonic() - began < 2.0
         assert driver.health().lost["rejected_dialect"] > 3
         driver.close()
 

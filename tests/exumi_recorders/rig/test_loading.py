@@ -146,6 +146,11 @@ def test_everything_that_is_wrong_is_said_with_its_line(tmp_path: Path) -> None:
     assert len(found) == 7
 
 
+def test_a_licence_that_spdx_does_not_know(tmp_path: Path) -> None:
+    (problem,) = problems(tmp_path, TOML.replace("CC-BY-4.0", "bogus"))
+    assert "rig.licence: 'bogus' is no SPDX licence expression" in problem
+
+
 def test_two_streams_of_one_name(tmp_path: Path) -> None:
     (problem,) = problems(tmp_path, TOML.replace("glove_right", "glove_left"))
     assert "the stream 'glove_left' is that of device 'glove' already" in problem

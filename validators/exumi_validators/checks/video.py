@@ -319,7 +319,7 @@ def _decoded_problems(
     listed: _Listed,
     statistics: FrameStatistics | None,
 ) -> Iterator[Problem]:
-    from exumi_data.store.video import LIMITED_TO_FULL, FramePixels
+    from exumi_data.store.video import FramePixels
 
     # Of every frame of every video: what can be had beforehand is not asked for again.
     size, pixels = (images.height, images.width), FramePixels()
@@ -339,9 +339,9 @@ def _decoded_problems(
             detail = f"it is {frame.width}x{frame.height}"
             yield problem("VID-008", path, index=index, detail=detail)
         elif statistics is not None:
-            luma, is_full_range = pixels.stored_luma(frame)
-            # The luma as it is stored: colours cost as much as decoding.
-            statistics.add(index, luma, levels=None if is_full_range else LIMITED_TO_FULL)
+            # The luma as it is stored, where it will do: colours cost as much as decoding.
+            grey, levels = pixels.stored_grey(frame)
+            statistics.add(index, grey, levels=levels)
             if statistics.searches(index):
                 statistics.search(index, pixels.rgb(frame))
         if row[3] and not frame.key_frame:

@@ -11,6 +11,7 @@ from exumi_data.release.privacy.exif import jpeg_patches
 from exumi_data.release.privacy.gpmf import gpmf_patches
 from exumi_data.release.privacy.mp4 import mp4_patches
 from exumi_data.release.privacy.patches import Patch
+from exumi_data.release.privacy.scanning import _taken
 from exumi_data.simulation.gopro import gpmf_payload
 from tests.exumi_data.builders import jpegs
 from tests.exumi_data.release.privacy.clips import HOME, with_exif
@@ -174,6 +175,27 @@ def test_tables_that_ask_for_more_than_there_is() -> None:
         patches(raw[:at] + struct.pack(">II", 4, 1_000_000) + raw[at + 8 :])
     with pytest.raises(LimitError, match="claims"):
         patches(raw[:at] + struct.pack(">II", 4, 1 << 30) + raw[at + 8 :])
+
+
+def test_what_is_too_long_to_be_held_cannot_be_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("exumi_data.release.privacy.patches._MOST_BYTES", 8)
+    found = patches(movie(b"camm", [b"here", b"somewhere else"]))
+    assert [len(patch.new) for patch in found] == [4, 0]
+    told_of = []
+
+    def take(kind: str, where: str, value: str, why: str, *, removable: bool = True) -> bool:
+        told_of.append(removable)
+        return True
+
+    assert _taken(iter(found), "clip", take) == found[:1]
+    assert told_of == [True, False]
+
+
+def test_boxes_in_boxes_without_end_are_passed_over() -> None:
+    raw = box(b"free")
+    for _ in range(3000):
+        raw = box(b"trak", raw)
+    assert patches(box(b"moov", raw)) == []
 
 
 @given(st.binary(max_size=60), st.integers(0, 700), st.integers(0, 255))

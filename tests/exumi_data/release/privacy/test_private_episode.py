@@ -213,28 +213,6 @@ def test_a_secret_that_is_also_among_the_pictures(private: Path, tmp_path: Path)
         without_private(open_store(spoilt), EVERYTHING)
 
 
-def test_a_container_that_is_not_understood(tmp_path: Path) -> None:
-    path = tmp_path / "clip.mkv"
-    with av.open(str(path), "w") as container:
-        container.metadata["location"] = "+48.1374+011.5755/"
-        container.metadata["comment"] = f"cut in {HOME}/clips"
-        video = container.add_stream("mpeg4", rate=10)
-        assert isinstance(video, av.VideoStream)
-        video.height = video.width = 32
-        video.pix_fmt = "yuv420p"
-        for level in (0, 90):
-            frame = av.VideoFrame.from_ndarray(
-                np.full((32, 32, 3), level, np.uint8), format="rgb24"
-            )
-            container.mux(video.encode(frame))
-        container.mux(video.encode(None))
-    episode = write_private(tmp_path / "a.zarr", path)
-    found = [item for item in find_private(episode) if item.where.endswith("mkv")]
-    assert {(item.kind, item.removable) for item in found} == {("gps", False), ("path", False)}
-    with pytest.raises(UnsupportedError, match="leave the stream out"):
-        without_private(open_store(episode), Removal(frozenset(["gps"])))
-
-
 def test_a_whole_dataset(private: Path, tmp_path: Path) -> None:
     root = tmp_path / "set"
     made_by = MadeBy(tool="exumi-data", tool_version="1", command=f"exumi convert {HOME}/in .")

@@ -107,3 +107,75 @@ def test_fields_of_third_parties_in_whatever_form(said: dict[str, object], kind:
     assert found == [kind]
     within = {"calibration": [{"serial": {"read": True}}]}  # what has fields is no serial
     assert without_private_fields(within, "zarr.json", take) == within
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "found"),
+    [
+        (
+            "José",
+            "by Jose\N{COMBINING ACUTE ACCENT}, then left",
+            ["Jose\N{COMBINING ACUTE ACCENT}"],
+        ),
+        ("Jose\N{COMBINING ACUTE ACCENT}", "by José.", ["José"]),
+        ("Zoë Müller", "ZOË MÜLLER and Zoe Muller", ["ZOË MÜLLER", "Zoe Muller"]),
+        ("Straßer", "STRASSER", ["STRASSER"]),
+        ("Lovelace", "lovelace, LOVELACE and Lovelaces", ["lovelace", "LOVELACE"]),
+        ("Éva", "Évariste and ÉVA", ["ÉVA"]),
+        ("李小龙", "李小龙 was there", ["李小龙"]),
+        ("Ada Lovelace", "Lovelace pressed; Ada and ADA LOVELACE", ["Lovelace", "ADA LOVELACE"]),
+        ("Ada Lovelace", "Lovelaces, in lovelace and self-Lovelace", ["Lovelace"]),
+        ("ada lovelace", "lovelace and Lovelace", ["lovelace", "Lovelace"]),
+        ("Grace Hopper", "grace and a hopper; Grace, and Hopper's", ["Grace", "Hopper"]),
+        ("operator three", "Operator three; three of the Operator", ["Operator three"]),
+        ("Anne-Marie O'Brien", "Anne-Marie, O’Brien, Marie", ["Anne-Marie"]),
+        ("rig 7 Berlin", "in Berlin", []),
+    ],
+)
+def test_names_in_other_forms_and_in_part(name: str, text: str, found: list[str]) -> None:
+    assert [text[one.start : one.stop] for one in matches_in(text, {name: "operator"})] == found
+
+
+def test_that_only_operators_have_parts() -> None:
+    assert matches_in("in Berlin", {"Old Berlin": "site"}) == []
+    (match,) = matches_in("by Lovelace", {"Ada Lovelace": "operator"})
+    assert match.why == "a part of the operator's name"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "48.13743, 11.57549",
+        "-33.85678;151.21530",
+        "48.13743 11.57549",
+        "48.1374 N 11.5755 E",
+        "48.1374N, 11.5755E",
+        "N48.1374 E11.5755",
+        "48.1374° N, 11.5755° E",
+        "48°08'14.7\"N 11°34'31.8\"E",
+        "N 48° 08.246' E 011° 34.529'",
+    ],
+)
+def test_positions_as_people_write_them(text: str) -> None:
+    for said in (text, f"at ({text})", f"geo:{text}", f"seen at {text}. Fine"):
+        (match,) = matches_in(said)
+        assert (match.kind, said[match.start : match.stop]) == ("gps", text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0.12345, 0.54321",
+        "12.34567, 8.12345, 3.12345",
+        "q = [0.70711, 0.00000, 0.70711, 2.00001]",
+        "320.12345, 240.12345",
+        "12.34567, 8.12345 mm",
+        "12.3456 8.1234 N",
+        "48.1, 11.5",
+        "12 N 3 E",
+        "version 48.13743.11, 57549.1",
+        "pressed with 5.1234 N, 3.1 s",
+    ],
+)
+def test_pairs_that_are_no_positions(text: str) -> None:
+    assert matches_in(text) == []

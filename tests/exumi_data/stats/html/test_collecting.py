@@ -3,6 +3,7 @@
 import shutil
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from exumi_data.dataset import Dataset
 from exumi_data.episode import open_episode
 from exumi_data.stats.html.collecting import collect_figures, collect_pictures, locations
+from exumi_data.stats.html.figures import PoseFigures
 from exumi_data.stats.html.looking import GRID
 from exumi_data.stats.html.reading import even, read_figures
 from exumi_data.stats.html.totals import PoseTotal
@@ -26,14 +28,17 @@ def test_figures_of_an_episode(touched: Dataset) -> None:
     width, force, torque = (
         next(v for v in figures.values if v.component == name) for name in ("width", "fz", "tz")
     )
-    assert (width.counts, width.left_out) == ({0: 1, 20: 2, 40: 3, 160: 1}, 1)
+    assert (width.counts, width.left_out) == ({0: 1, 100: 2, 200: 3, 800: 1}, 1)
     assert (force.unit, torque.unit) == ("N", "N·m")
-    assert force.counts == {0: 4, 200: 1, 400: 1, 600: 1, 800: 1}
+    assert force.counts == {0: 4, 500: 1, 1000: 1, 1500: 1, 2000: 1}
     (pose,) = figures.poses
     assert pose.left_out == 1  # flagged as not valid
     assert pose.from_above == {(n, 0): 1 for n in range(0, 35, 5)}
     assert pose.from_side == {(n, 30): 1 for n in range(0, 35, 5)}
     assert pose.tilts == {0: 7}
+    assert list(pose.low) == pytest.approx([0.005, pose.low[1], 0.305])
+    assert list(pose.high) == pytest.approx([0.305, pose.low[1], 0.305])
+    assert list(pose.tilt_ends) == [0, 0]
     assert dict(figures.numbers)["hardness"] == pytest.approx(2.0, abs=3)
 
 
@@ -129,11 +134,28 @@ def test_processes_give_the_same(touched: Dataset) -> None:
     assert (few.maps["tactile_left"].counts == many.maps["tactile_left"].counts).all()
 
 
+def pose_figures(**changes: Any) -> PoseFigures:
+    nothing: dict[str, Any] = {"from_above": {}, "from_side": {}, "tilts": {}, "left_out": 0}
+    ends: dict[str, Any] = {"low": (), "high": (), "tilt_ends": ()}
+    return PoseFigures(stream="p", parent="world", child="tcp", **nothing | ends | changes)
+
+
+def test_ends_of_poses_are_exact() -> None:
+    total = PoseTotal("world", "tcp")
+    total.add(pose_figures(left_out=2))
+    assert (total.low, total.tilt_ends) == ((), ())
+    total.add(pose_figures(low=(0.001, 1, 2), high=(0.002, 1, 2), tilt_ends=(4.0, 7.0)))
+    total.add(pose_figures(low=(-0.5, 1, 2.5), high=(-0.4, 1.25, 3), tilt_ends=(5.0, 9.5)))
+    assert (total.low, total.high) == ((-0.5, 1, 2), (0.002, 1.25, 3))
+    assert total.tilt_ends == (4.0, 9.5)
+    assert (total.episodes, total.left_out) == (3, 2)
+
+
 def test_cells_become_coarser_where_there_are_too_many() -> None:
     total = PoseTotal("world", "tcp")
     for block in range(5):
         cells = {(x, y + 100 * block): 1 for x in range(200) for y in range(100)}
-        total.add(cells, {})
+        total.add(pose_figures(from_above=cells))
     assert total.cell_m == pytest.approx(0.02)
     assert len(total.from_above) == 200 * 500 // 4
     assert sum(total.from_above.values()) == 200 * 500

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exumi_data.stats.html.markup import Html, element, join, shortened, text
+from exumi_data.stats.html.markup import Html, element, fitted, join, shortened, text
 
 
 class Reader(HTMLParser):
@@ -54,3 +54,10 @@ def test_long_texts_keep_both_ends() -> None:
     assert shortened("abcdefghij", 10) == "abcdefghij"
     assert shortened("abcdefghijk", 10) == "abcde…hijk"
     assert len(shortened("x" * 10_000, 37)) == 37
+
+
+def test_names_are_cut_to_the_width_that_they_take() -> None:
+    assert fitted("short", 20) == "short"
+    assert fitted("a" * 30, 9) == "aaaa…aaaa"
+    assert fitted("物" * 30, 9) == "物物…物物"
+    assert fitted("\u200d" * 9, 9) == r"\u20…200d"  # as it is shown

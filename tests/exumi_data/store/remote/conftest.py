@@ -21,6 +21,7 @@ def fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     )
     reading._readers.clear()
     requests._store.cache_clear()
+    requests._without_ends.clear()
     yield
     reading._readers.clear()
     requests._store.cache_clear()

@@ -47,7 +47,7 @@ def test_what_was_spoiled_is_not_believed(tmp_path: Path, suffix: str) -> None:
     assert cache.read(KEY, [0, 1]) == {0: block(1), 1: block(2)}
 
 
-@pytest.mark.parametrize("total", [bytes(32), b"-5\n", b"\xff\xfe?"])
+@pytest.mark.parametrize("total", [b"", bytes(32), b"-5\n", b"\xff\xfe?"])
 def test_a_spoiled_total_is_counted_again(tmp_path: Path, total: bytes) -> None:
     limit = 4 * BLOCK_BYTES + ROOM
     DiskCache(tmp_path, limit).write(KEY, {number: block(number) for number in range(3)})
@@ -85,6 +85,20 @@ def test_what_nobody_read_for_long_makes_room(tmp_path: Path) -> None:
     cache.write(OTHER, {number: block(number) for number in range(4)})
     assert len(cache.read(OTHER, range(4))) == 4
     assert cache.read(KEY, range(3)) == {}
+
+
+def test_halves_of_objects_are_removed(tmp_path: Path) -> None:
+    for name in ("ef" * 20 + ".blocks", "fe" * 20 + ".sums"):
+        (tmp_path / name[:2]).mkdir()
+        (tmp_path / name[:2] / name).write_bytes(bytes(BLOCK_BYTES))
+        os.utime(tmp_path / name[:2] / name, (0, 0))
+    (tmp_path / "ef" / ("ef" * 19 + "ab.sums")).touch()  # somebody may be about to write the rest
+    cache = DiskCache(tmp_path, BLOCK_BYTES + ROOM)
+    cache.write(KEY, {0: block(0)})
+    cache.write(OTHER, {0: block(0)})  # there is no room
+    left = sorted(path.name for path in tmp_path.glob("*/*"))
+    whole = [f"{key}{suffix}" for key in (KEY, OTHER) for suffix in (".blocks", ".sums")]
+    assert left == [*whole, "ef" * 19 + "ab.sums"]
 
 
 def test_reading_keeps_it(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,49 @@ def test_an_episode_is_the_same_in_a_bucket(s3: S3, folders: Path, name: str) ->
         if stream.is_image:
             np.testing.assert_array_equal(there[stream.name].frames[:], stream.frames[:])
     read_everything(Path(folders / name))  # the same steps, on the disk
+
+
+def test_googles_protocol_is_read_as_well(
+    s3: S3, folders: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its XML interface is that of S3, but for how requests are signed."""
+    monkeypatch.setenv("GOOGLE_BASE_URL", s3.endpoint)
+    monkeypatch.setenv("GOOGLE_BEARER_TOKEN", "anything")
+    there = dataset("gs://datasets/packed")
+    assert there.fingerprint == dataset(folders / "packed").fingerprint
+    assert digest_of(episode("gs://datasets/whole.zarr").store) == digest_of(
+        episode(folders / "whole.zarr").store
+    )
+
+
+def test_a_listing_and_an_answer_of_azures_name_one_version() -> None:
+    known = {"last_modified": datetime.now(tz=UTC)}
+    assert requests._tag({**known, "e_tag": '"0x24"'}) == requests._tag({**known, "e_tag": "0x24"})
+
+
+@pytest.mark.parametrize(
+    ("url", "variable", "value"),
+    [
+        ("az://lab/a", "AZURE_STORAGE_ENDPOINT", "http://127.0.0.1:1/name"),
+        ("gs://lab/a", "GOOGLE_BASE_URL", "http://127.0.0.1:1"),
+    ],
+)
+def test_endpoints_of_other_providers(
+    url: str, variable: str, value: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(variable, value)
+    monkeypatch.setenv("AZURE_STORAGE_ACCOUNT_NAME", "name")
+    monkeypatch.setenv("AZURE_STORAGE_ACCOUNT_KEY", "%")
+    monkeypatch.setenv("GOOGLE_SERVICE_ACCOUNT", "/nowhere")
+    with pytest.raises(UnreachableError, match="cannot be opened") as caught:
+        exumi_data.open(url)
+    assert variable.partition("_")[0] in str(caught.value)
+    monkeypatch.setenv("AZURE_STORAGE_ACCOUNT_KEY", "AAAA")
+    monkeypatch.delenv("GOOGLE_SERVICE_ACCOUNT")
+    monkeypatch.setenv("GOOGLE_BEARER_TOKEN", "anything")
+    requests._store.cache_clear()
+    with pytest.raises(UnreachableError, match=f"cannot be reached.*{variable}"):
+        exumi_data.open(url)
 
 
 @pytest.mark.parametrize("name", ["packed", "folders"])

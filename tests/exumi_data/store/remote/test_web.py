@@ -1,12 +1,15 @@
 """Web servers: good ones are read by ranges; of others it is said what is wrong with them."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 import tracemalloc
 from pathlib import Path
+from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import obstore
@@ -14,12 +17,27 @@ import pytest
 
 import exumi_data
 from exumi_data.errors import ChangedDataError, LimitError, NotAnEpisodeError, UnreachableError
+from exumi_data.model.images import VideoImages
+from exumi_data.store import images
+from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_data.store.pack import pack
 from exumi_data.store.remote import fetching, reading, requests
 from exumi_data.store.remote.address import Address
 from exumi_data.store.remote.download import download
 from exumi_data.store.remote.reading import Identity, RemoteFile, Span
 from exumi_data.store.remote.requests import Answer, Request
+from tests.exumi_data.builders import (
+    CLOCK,
+    clip,
+    encoded_images,
+    jpegs,
+    metadata,
+    times,
+    video_file,
+)
 from tests.servers import Web, web
+
+NAME = "wéird % #name? %2F+&=;.zarrs"
 
 
 def frames_of(source: str | Path) -> np.ndarray:
@@ -94,6 +112,9 @@ def test_a_signed_url_is_used_and_not_told(site: Web, folders: Path) -> None:
         ("cut_short", "cut short"),
         ("other_range", "Requested"),
         ("much", "sends more than it was asked for"),
+        ("compressed", r"compressed \(Content-Encoding: gzip\)"),
+        ("circle", "sends on without end"),
+        ("hang_up", "cannot be reached|cut short"),
     ],
 )
 def test_servers_that_do_wrong(site: Web, mode: str, message: str) -> None:
@@ -110,6 +131,57 @@ def test_servers_that_do_wrong(site: Web, mode: str, message: str) -> None:
     assert "\n" not in said
     assert len(said) < 400
     assert most < 32 << 20
+
+
+def test_a_server_that_knows_ranges_but_no_ends(site: Web, folders: Path) -> None:
+    site.mode = "no_ends"
+    np.testing.assert_array_equal(
+        frames_of(f"{site.url}/whole.zarr.zip"), frames_of(folders / "whole.zarr.zip")
+    )
+    site.log.clear()
+    packed = exumi_data.open(f"{site.url}/packed")
+    assert isinstance(packed, exumi_data.Dataset)
+    assert packed[0]["tactile"].frames[0].shape == (24, 32, 3)
+    assert [asked for _, _, asked in site.log if (asked or "").startswith("bytes=-")] == []
+
+
+def test_names_with_every_character(folders: Path, tmp_path: Path) -> None:
+    shutil.copytree(folders / "packed", tmp_path / NAME)
+    shutil.copytree(folders / "whole.zarr", tmp_path / NAME / "x.zarr")
+    with web(tmp_path) as site:
+        url = f"{site.url}/{quote(NAME)}"
+        dataset = exumi_data.open(url)
+        assert isinstance(dataset, exumi_data.Dataset)
+        assert dataset[0]["tactile"].frames[:].shape[1:] == (24, 32, 3)
+        assert len(frames_of(f"{url}/x.zarr"))
+
+
+def test_of_a_video_only_what_is_needed_is_sent(
+    tmp_path: Path, counted: list[Request], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing for other streams' frames; for one of its own frames not all of it."""
+    content, pts, keyframes, base = clip()
+    content += (8 << 20).to_bytes(4, "big") + b"free" + bytes((8 << 20) - 8)
+    images_of_video: Any = {"encoding": "video", "height": 24, "width": 32, "channels": 3}
+    with EpisodeWriter(tmp_path / "a.zarr", metadata(0), durable=False) as writer:
+        tactile = writer.add_stream("tactile", kind="tactile", clock=CLOCK, images=encoded_images())
+        tactile.append(times(), jpegs())
+        video = writer.add_stream(
+            "gopro", kind="rgb", clock=CLOCK, images=VideoImages(**images_of_video)
+        )
+        video.append_file(
+            content, video_file(content, base), pts=np.array(pts), keyframe=np.array(keyframes)
+        )
+    pack(tmp_path / "a.zarr")
+    monkeypatch.setenv("EXUMI_CACHE_BYTES", "0")
+    monkeypatch.setattr(images, "_WHOLE_VIDEO_BYTES", 1 << 20)
+    with web(tmp_path) as site:
+        episode = exumi_data.open(f"{site.url}/a.zarr.zip")
+        assert isinstance(episode, exumi_data.Episode)
+        assert len(episode["tactile"].frames[:]) == len(episode["gopro"].time)
+        assert sum(request.length for request in counted) < 400_000
+        assert episode["gopro"].frames[3].shape == (24, 32, 3)
+        assert sum(request.length for request in counted) < 4_000_000
 
 
 def test_a_server_without_tags(site: Web, folders: Path) -> None:
@@ -181,7 +253,7 @@ def test_ctrl_c_is_heard_while_a_server_is_silent(site: Web) -> None:
 def test_after_ctrl_c_a_forked_process_gets_the_answers_to_its_own_questions(
     site: Web, folders: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fetching, "_first_user", os.getpid() + 1)  # as a fork finds it
+    monkeypatch.setattr(fetching, "_is_fork", True)
     data = (folders / "whole.zarr.zip").read_bytes()
     address = Address.parse(f"{site.url}/whole.zarr.zip")
     fetcher = fetching.Fetcher()
@@ -203,6 +275,43 @@ def test_after_ctrl_c_a_forked_process_gets_the_answers_to_its_own_questions(
     assert outcome.data == data[20:30]
     assert fetcher._helper is not None
     fetcher._helper.stop()
+
+
+FORKED = """
+import multiprocessing, sys, threading
+import obstore
+from obstore.store import HTTPStore
+{first}
+host, url = sys.argv[1:]
+
+def work(answers):
+    import exumi_data
+    episode = exumi_data.open(url)
+    answers.put([episode.id, episode.metadata.licence])
+
+store = HTTPStore.from_url(host, client_options={{"allow_http": True}})
+obstore.get(store, "whole.zarr.zip").bytes()
+context = multiprocessing.get_context("fork")
+answers = context.Queue()
+process = context.Process(target=work, args=(answers,), daemon=True)
+process.start()
+print(answers.get(timeout=20)[0])
+"""
+
+
+@pytest.mark.parametrize("first", ["", "import exumi_data.store.remote.fetching"])
+def test_a_fork_of_a_program_that_used_obstore_itself(site: Web, folders: Path, first: str) -> None:
+    """Its calls would wait for ever, and crash the program that was forked."""
+    done = subprocess.run(
+        [sys.executable, "-c", FORKED.format(first=first), site.url, f"{site.url}/whole.zarr.zip"],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=50,
+    )
+    here = exumi_data.open(folders / "whole.zarr.zip")
+    assert isinstance(here, exumi_data.Episode)
+    assert (done.stdout.strip(), done.returncode) == (here.id, 0), done.stderr
 
 
 def test_a_file_that_changes(site: Web, monkeypatch: pytest.MonkeyPatch) -> None:
