@@ -314,7 +314,8 @@ def _local_catalog(root: Path) -> "pa.Table":
             raise DamagedDataError(
                 f"{len(failed)} episode(s) cannot be read; the first: {first.error}",
                 where=root,
-                fix=f"See all with: exumi validate {root}",
+                fix=f"See all with: exumi validate {root} (or take them out: exumi dataset "
+                f"remove {root} --unreadable)",
             )
         if table is not None:
             here = set(present)

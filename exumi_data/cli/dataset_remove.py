@@ -1,7 +1,11 @@
 """``exumi dataset remove``."""
 
 import sys
-from typing import Annotated
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,11 +19,15 @@ from exumi_data.cli.dataset_options import (
 )
 from exumi_data.cli.options import Format, FormatOption, QuietOption, epilog
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 __all__ = ["EPILOG", "run"]
 
 EPILOG = epilog(
     "exumi dataset remove my-dataset 8f21 --reason 'the gel was torn' --dry-run",
     "exumi dataset remove my-dataset --where success=false --reason failed --yes",
+    "exumi dataset remove my-dataset --unreadable --reason 'the disk failed' --dry-run",
 )
 
 
@@ -30,6 +38,9 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     where: WhereOption = None,
     split: SplitOption = None,
     everything: AllOption = False,
+    unreadable: Annotated[
+        bool, typer.Option("--unreadable", help="Episodes that cannot be read; all are read.")
+    ] = False,
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Do not ask: the data are gone afterwards.")
     ] = False,
@@ -41,36 +52,96 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
 
     To keep a copy, first: exumi dataset select DATASET COPY.
     """
-    from exumi_data.cli.dataset_options import changing, opened
-    from exumi_data.cli.output import print_json, printable, progress_of, size_text
-    from exumi_data.editing.copying import chosen_of
-    from exumi_data.editing.removal import remove_episodes
-    from exumi_data.editing.selection import choose
+    from exumi_data.cli.dataset_options import changing
+    from exumi_data.cli.output import print_json, printable, progress_of
     from exumi_data.errors import UsageError
 
     if not reason.strip():
         raise UsageError("no reason is given", fix="Say --reason 'the gel was torn', or another.")
-    with changing(dataset, dry_run=dry_run):
-        source = opened(dataset)
-        ids = choose(
-            source, ids=episodes or (), where=where or (), split=split, everything=everything
+    if unreadable and (episodes or where or split or everything):
+        raise UsageError(
+            "--unreadable says which episodes",
+            fix="Give no ids, --where, --split or --all with it.",
         )
-        size = size_text(sum(int(one.row["bytes"]) for one in chosen_of(source, ids)))
-        said = f"{len(ids)} of {len(source)} episodes, {size}"
-        if ids and not (dry_run or yes):
+    with changing(dataset, dry_run=dry_run):
+        going = (
+            _unreadable(dataset, quiet=quiet)
+            if unreadable
+            else _chosen(dataset, episodes or (), where or (), split, everything=everything)
+        )
+        if going.episodes and not (dry_run or yes):
             if not sys.stdin.isatty():
                 raise UsageError(
-                    f"{said}, would be removed for good", fix="Say --yes, or --dry-run."
+                    f"{going.said}, would be removed for good", fix="Say --yes, or --dry-run."
                 )
             typer.confirm(
-                printable(f"Remove {said}, from {dataset} for good?"), abort=True, err=True
+                printable(f"Remove {going.said}, from {dataset} for good?"), abort=True, err=True
             )
         if not dry_run:
             with progress_of("Removing", quiet=quiet) as update:
-                remove_episodes(source, ids, reason, on_done=lambda n: update(n, len(ids), ""))
+                going.remove(reason, on_done=lambda n: update(n, len(going.episodes), ""))
     if output is Format.JSON:
-        print_json({"removed": ids, "reason": reason, "dry_run": dry_run})
+        print_json({**going.listed, "reason": reason, "dry_run": dry_run})
         return
-    for one in ids:
-        print(one)
-    print(f"{said} {'would be removed' if dry_run else 'removed'}")
+    for line in going.episodes:
+        print(printable(line))
+    print(f"{going.said} {'would be removed' if dry_run else 'removed'}")
+
+
+@dataclass(frozen=True, slots=True)
+class _Going:
+    """What is to be removed.
+
+    Attributes
+    ----------
+    episodes : list of str
+        A line each.
+    said : str
+        How many of how many.
+    listed : dict
+        For programs.
+    remove : callable
+        Does it.
+    """
+
+    episodes: list[str]
+    said: str
+    listed: dict[str, Any]
+    remove: Callable[..., None]
+
+
+def _chosen(
+    root: Path,
+    episodes: "Sequence[str]",
+    where: "Sequence[str]",
+    split: str | None,
+    *,
+    everything: bool,
+) -> _Going:
+    from exumi_data.cli.dataset_options import opened
+    from exumi_data.cli.output import size_text
+    from exumi_data.editing.copying import chosen_of
+    from exumi_data.editing.removal import remove_episodes
+    from exumi_data.editing.selection import choose
+
+    source = opened(root)
+    ids = choose(source, ids=episodes, where=where, split=split, everything=everything)
+    size = size_text(sum(int(one.row["bytes"]) for one in chosen_of(source, ids)))
+    said = f"{len(ids)} of {len(source)} episodes, {size}"
+    return _Going(ids, said, {"removed": ids}, partial(remove_episodes, source, ids))
+
+
+def _unreadable(root: Path, *, quiet: bool) -> _Going:
+    from exumi_data.catalog import list_episodes
+    from exumi_data.cli.output import progress_of
+    from exumi_data.editing.removal import find_unreadable, id_in_name, remove_unreadable
+
+    total = len(list_episodes(root))
+    with progress_of("Reading", quiet=quiet) as update:
+        source, found = find_unreadable(root, lambda n: update(n, total, ""))
+    return _Going(
+        [f"{path}: {problem}" for path, problem in found.items()],
+        f"{len(found)} of {total} episodes (unreadable)",
+        {"removed": [id_in_name(path) for path in found], "problems": found},
+        partial(remove_unreadable, source, found),
+    )

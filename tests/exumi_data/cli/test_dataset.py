@@ -88,6 +88,44 @@ def test_removal_asks_first(root: Path) -> None:
     assert sorted(open_dataset(root).ids) == sorted(IDS[1:])
 
 
+def test_what_cannot_be_read_can_be_removed(root: Path) -> None:
+    good("split", root, "--lists", "train=2,val=1")
+    for number, name in enumerate(IDS[:2]):
+        (document,) = root.glob(f"episodes/*/{name}.zarr/zarr.json")
+        if number:
+            document.unlink()
+        else:
+            document.write_text("{broken")
+    run("remove", root, "--unreadable", "--reason", "the disk failed")  # refused, but indexed
+    blocked = run("rate", root, "--all", "--success")
+    assert blocked.exit_code == 2
+    assert "remove" in blocked.output
+    assert "--unreadable" in blocked.output
+    before = state_of(root)
+    told = good("remove", root, "--unreadable", "--reason", "why", "--dry-run")
+    assert "2 of 3 episodes (unreadable) would be removed" in told
+    assert "not valid JSON" in told
+    assert state_of(root) == before
+    done = json.loads(good("remove", root, "--unreadable", "--reason", "why", "-y", "-f", "json"))
+    assert sorted(done["removed"]) == sorted(IDS[:2])
+    assert len(done["problems"]) == 2
+    left = open_dataset(root)
+    assert left.ids == [IDS[2]]
+    assert [one for ids in left.splits["default"].lists.values() for one in ids] == [IDS[2]]
+    assert [one for one in validate(root).problems if one.severity == "error"] == []
+    note = next(root.glob(f"episodes/*/.removed-{IDS[0]}.json")).read_text()
+    assert "why" in note
+    assert str(root.parent) not in note
+    assert "0 of 1 episodes" in good("remove", root, "--unreadable", "--reason", "why")
+
+
+def test_unreadable_episodes_are_not_chosen_otherwise(root: Path) -> None:
+    refused = run("remove", root, "--unreadable", "--all", "--reason", "why", "--yes")
+    assert refused.exit_code == 2
+    assert "--unreadable says which" in refused.output
+    assert sorted(open_dataset(root).ids) == sorted(IDS)
+
+
 def test_selected_datasets_are_not_mixed_with_others(root: Path, tmp_path: Path) -> None:
     new = tmp_path / "new"
     good("split", root, "--lists", "train=2,val=1")
