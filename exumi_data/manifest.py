@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -189,13 +189,17 @@ def _file(root: Path, path: str) -> ManifestFile:
     return ManifestFile(path=path, bytes=size, sha256=checksum)
 
 
-def list_files(root: Path) -> Iterator[str]:
+def list_files(
+    root: Path, on_problem: Callable[[DamagedDataError], None] | None = None
+) -> Iterator[str]:
     """Walk over what a manifest of a dataset would list; what is no folder counts as a file.
 
     Parameters
     ----------
     root : pathlib.Path
         The dataset.
+    on_problem : callable, optional
+        Told what cannot be listed, which is passed over; default: it is raised.
 
     Yields
     ------
@@ -205,8 +209,14 @@ def list_files(root: Path) -> Iterator[str]:
     Raises
     ------
     DamagedDataError
-        A folder cannot be read, or a name is unsafe.
+        A folder cannot be read or lies too deep, or a name is unsafe.
     """
+
+    def tell(problem: DamagedDataError) -> None:
+        if on_problem is None:
+            raise problem
+        on_problem(problem)
+
     pending = [("", 0)]
     while pending:
         folder, depth = pending.pop()
@@ -214,11 +224,15 @@ def list_files(root: Path) -> Iterator[str]:
             with os.scandir(root / folder) as entries:
                 found = list(entries)
         except OSError as error:
-            raise DamagedDataError(
-                f"cannot be read ({error.strerror})", where=root / folder
-            ) from error
+            tell(DamagedDataError(f"cannot be read ({error.strerror})", where=root / folder))
+            continue
         for entry in found:
-            path = check_member_path(f"{folder}/{entry.name}" if folder else entry.name, root)
+            path = f"{folder}/{entry.name}" if folder else entry.name
+            try:
+                check_member_path(path, root)
+            except DamagedDataError as error:
+                tell(error)
+                continue
             if not is_listed(path):
                 continue
             if not entry.is_dir(follow_symlinks=False):
@@ -226,7 +240,7 @@ def list_files(root: Path) -> Iterator[str]:
             elif depth < _DEEPEST:
                 pending.append((path, depth + 1))
             else:
-                raise DamagedDataError("folders are nested too deeply", where=root / path)
+                tell(DamagedDataError("folders are nested too deeply", where=root / path))
 
 
 def _episode(root: Path, path: str) -> ManifestEpisode:

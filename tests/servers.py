@@ -47,12 +47,9 @@ class S3:
     def __init__(self) -> None:
         self._server = ThreadedMotoServer("127.0.0.1", port=0, verbose=False)
         self._server.start()
-        _, port = self._server.get_host_and_port()
-        self.endpoint = f"http://127.0.0.1:{port}"
-        connection = HTTPConnection("127.0.0.1", port)
-        connection.request("PUT", f"/{BUCKET}")
-        assert connection.getresponse().status == 200
-        connection.close()
+        _, self._port = self._server.get_host_and_port()
+        self.endpoint = f"http://127.0.0.1:{self._port}"
+        self._put_empty(f"/{BUCKET}")
         self._store = S3Store(
             BUCKET,
             endpoint=self.endpoint,
@@ -64,6 +61,16 @@ class S3:
 
     def put(self, key: str, data: bytes) -> None:
         obstore.put(self._store, key, data)
+
+    def put_marker(self, key: str) -> None:
+        """Put an empty object whose name ends with a slash, which obstore would take off."""
+        self._put_empty(f"/{BUCKET}/{key}")
+
+    def _put_empty(self, path: str) -> None:
+        connection = HTTPConnection("127.0.0.1", self._port)
+        connection.request("PUT", path)
+        assert connection.getresponse().status == 200
+        connection.close()
 
     def remove(self, key: str) -> None:
         obstore.delete(self._store, key)
@@ -166,7 +173,7 @@ class _Handler(BaseHTTPRequestHandler):
             stop = min(int(found[2]) + 1, len(data)) if found[2] else len(data)
         shown = start + 1 if mode == "other_range" else start
         headers["Content-Range"] = f"bytes {shown}-{stop - 1}/{len(data)}"
-        part = data[start:stop]
+        part = data[start : stop - 100 if mode == "short" else stop]
         return self._send(206, part, headers)
 
     def _send(self, status: int, body: bytes, headers: dict[str, str] | None = None) -> None:

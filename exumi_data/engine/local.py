@@ -25,6 +25,7 @@ Value = TypeVar("Value")
 
 _QUEUED_PER_WORKER = 4
 _LOOK_S = 0.5
+_SAFE_PATH = "PYTHONSAFEPATH"
 
 
 def default_workers() -> int:
@@ -127,12 +128,31 @@ def _start_helper() -> None:
     # Ctrl-C reaches every process of the terminal, and is the parent's to act on: the helper would
     # show a traceback in the middle of its imports, and a worker before it heeds signals. (The
     # tracker comes first: it would unblock.)
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    with _without_current_folder():
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            forkserver.ensure_running()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _without_current_folder() -> Iterator[None]:
+    """Let Python processes that start here not look for modules in the current folder.
+
+    Those helpers are started with ``python -c``, which would: a file ``selectors.py`` in a dataset
+    that somebody downloaded, and went into, would be run in place of Python's own.
+    """
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = "1"
     try:
-        forkserver.ensure_running()
+        yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if before is None:
+            del os.environ[_SAFE_PATH]
+        else:
+            os.environ[_SAFE_PATH] = before
 
 
 def _pool(workers: int) -> ProcessPoolExecutor:

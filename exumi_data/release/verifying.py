@@ -171,12 +171,14 @@ def _check_paths(manifest: Manifest) -> None:
 def _present(root: Path, findings: list[Finding]) -> dict[str, int | None]:
     """Return the size of each file that is there; None of what is no file."""
     found: dict[str, int | None] = {}
-    try:
-        for path in list_files(root):
-            there = root / path
-            found[path] = there.lstat().st_size if is_plain_file(there) else None
-    except ExumiError as error:
-        findings.append(Finding("unreadable", str(error.where), error.what))
+
+    def note(problem: ExumiError) -> None:
+        findings.append(Finding("unreadable", str(problem.where), problem.what))
+
+    # One odd name hides nothing of the rest.
+    for path in list_files(root, note):
+        there = root / path
+        found[path] = there.lstat().st_size if is_plain_file(there) else None
     return found
 
 

@@ -11,7 +11,8 @@ import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
+from weakref import WeakValueDictionary
 
 from exumi_data.errors import (
     ChangedDataError,
@@ -39,6 +40,8 @@ _MAX_WHOLE_FILE = 64 << 20
 _DEEPEST = 32
 _ROOT_DOCUMENT = "zarr.json"
 _TOGETHER = 32
+_MOST_OWN = 128  # files that are open, of all stores that do not share theirs
+_TOO_MANY = (errno.EMFILE, errno.ENFILE)
 
 
 class Store(Protocol):
@@ -116,6 +119,12 @@ def _read_small(descriptor: int, start: int, length: int, where: str) -> bytes:
 
 
 def _unreadable(where: str, error: OSError) -> ExumiError:
+    if error.errno in _TOO_MANY:
+        return LimitError(
+            "cannot be opened: too many files are open",
+            where=where,
+            fix="Close what is not needed any more, or allow more: ulimit -n 4096",
+        )
     return DamagedDataError(f"cannot be read ({error.strerror})", where=where)
 
 
@@ -176,16 +185,52 @@ class OpenFiles:
     def get(self, path: str) -> _OpenFile:
         """Open a file, or return it if it is open. Raises `OSError`."""
         # Threads may come between any two lines: a file is then opened twice, and nothing worse.
-        found = self._files.pop(path, None) or _OpenFile(path)
+        found = self._files.pop(path, None) or self.open(path)
         self._files[path] = found
         if len(self._files) > self._limit:
             with suppress(StopIteration, RuntimeError):
                 self._files.pop(next(iter(self._files)), None)
         return found
 
+    def open(self, path: str) -> _OpenFile:
+        """Open a file, which is not kept. Raises `OSError`."""
+        return _OpenFile(path)
+
     def clear(self) -> None:
         """Close all files that nobody is reading."""
         self._files.clear()
+
+
+class _OwnFiles(OpenFiles):
+    """The open files of one store, which thousands of others may be kept beside.
+
+    All such sets together hold few: those that opened nothing for longest are cleared.
+    """
+
+    # A descriptor is the process's, and so is what bounds their number.
+    _sets: ClassVar["WeakValueDictionary[int, _OwnFiles]"] = WeakValueDictionary()
+
+    def open(self, path: str) -> _OpenFile:
+        """Open a file, which is not kept; where there are too many, others are closed."""
+        self._sets.pop(id(self), None)
+        self._sets[id(self)] = self
+        self._make_room(_MOST_OWN - 1)
+        try:
+            return _OpenFile(path)
+        except OSError as error:
+            if error.errno not in _TOO_MANY:
+                raise
+            self._make_room(0)  # others took the rest: with none of ours it may do
+            return _OpenFile(path)
+
+    def _make_room(self, most: int) -> None:
+        there = list(self._sets.values())
+        held = sum(len(one._files) for one in there)
+        for one in there:
+            if held <= most:
+                return
+            held -= len(one._files)
+            one.clear()
 
 
 class FolderStore:
@@ -201,7 +246,7 @@ class FolderStore:
     def __init__(self, path: str | os.PathLike[str], files: OpenFiles | None = None) -> None:
         self.root = Path(path)
         self.location = str(path)
-        self._files = files or OpenFiles()
+        self._files = files or _OwnFiles()
         self._folders: set[str] = {""}
         # What is read piece by piece has to stay the same file, however often it is opened.
         self._known: dict[str, tuple[str, _Identity]] = {}
@@ -267,7 +312,7 @@ class FolderStore:
         """Return a whole file."""
         self._check(path)
         # Whole reads are of small files that are read once: their descriptor is not kept.
-        file = self._opened(path, _OpenFile)
+        file = self._opened(path, self._files.open)
         if path == _ROOT_DOCUMENT and self._root is None:
             self._root = file.identity
         return _read_small(file.descriptor, 0, file.size, f"{self.location}/{path}")
@@ -362,7 +407,7 @@ class ZipStore:
         self.location = str(path)
         # A packed episode itself may be reached through a link; only links inside are refused.
         self._real = os.path.realpath(path)
-        self._files = files or OpenFiles(1)
+        self._files = files or _OwnFiles(1)
         opened = self._files.get(self._real)
         self._file_size, self._identity = opened.size, opened.identity
         self._members = self._read_directory()

@@ -111,6 +111,28 @@ def test_nothing_is_warmed_up_where_no_workers_will_be(workers: int, warmed: boo
     assert done.stdout == f"{warmed}\n"
 
 
+WORKING = """
+from exumi_data.engine import map_items
+if __name__ == "__main__":
+    print(sorted(outcome.value for outcome in map_items(abs, [-1, 2, -3], workers=2)))
+"""
+
+
+def test_what_lies_in_the_current_folder_is_not_run(tmp_path: Path) -> None:
+    """Somebody's dataset may hold files of any name, also of Python's own modules."""
+    program, data = tmp_path / "program.py", tmp_path / "data"
+    program.write_text(WORKING)
+    data.mkdir()
+    for name in ("selectors", "signal", "socket", "struct", "json", "exumi_data"):
+        (data / f"{name}.py").write_text("import pathlib; pathlib.Path('RAN').touch()")
+    done = subprocess.run(
+        [sys.executable, program], cwd=data, check=False, capture_output=True, text=True
+    )
+    assert (done.stdout, done.returncode) == ("[1, 2, 3]\n", 0), done.stderr
+    assert not (data / "RAN").exists()
+    assert "PYTHONSAFEPATH" not in os.environ
+
+
 def test_exceptions_and_deaths_are_outcomes_and_the_others_complete(tmp_path: Path) -> None:
     function = partial(troubled, folder=str(tmp_path))
     outcomes = by_item(map_items(function, range(20), workers=2))

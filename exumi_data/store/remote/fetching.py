@@ -104,10 +104,11 @@ class _Helper:
     """A fresh process that sends requests for this one; it ends when this one does."""
 
     def __init__(self) -> None:
-        # Its modules are where ours are, however we found them.
+        # Its modules are where ours are, however we found them; and nothing in the current folder,
+        # which may be somebody's data, is a module (-P).
         path = os.pathsep.join(entry for entry in sys.path if entry)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "exumi_data.store.remote.helper"],
+            [sys.executable, "-P", "-m", "exumi_data.store.remote.helper"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, "PYTHONPATH": path},

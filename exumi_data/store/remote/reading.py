@@ -93,11 +93,12 @@ class RemoteFile:
                     f"has {identity.size:,} bytes, it says; at most {_LARGEST:,} are read",
                     where=self.address.shown,
                 )
-            self._identity = identity
             name = f"{self.address.root}/{self.address.key}\n{identity.size}\n{identity.tag}"
             # What cannot be told from another object is nothing that others may take for theirs.
             name += "" if identity.tag else secrets.token_hex()
+            # Last what other threads look at.
             self._key = sha256(name.encode()).hexdigest()[:40]
+            self._identity = identity
         elif self._identity != identity:
             raise ChangedDataError(
                 "changed after it was opened",

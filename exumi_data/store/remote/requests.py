@@ -52,6 +52,7 @@ _CREDENTIALS = {
     "az": "Set AZURE_STORAGE_ACCOUNT_NAME, and AZURE_STORAGE_ACCOUNT_KEY or "
     "AZURE_STORAGE_SAS_TOKEN.",
 }
+_CREDENTIAL_HOSTS = ("169.254.169.254", "metadata.google.internal")
 _WEB_CREDENTIALS = "Give user and password in the URL (user:password@ in front of the host), or a "
 _WEB_CREDENTIALS += "URL that is signed and has not expired."
 
@@ -224,6 +225,12 @@ def _get(store: "ObjectStore", request: Request) -> Answer:
                 where=address.shown,
                 fix="Download the data, and give the local path.",
             )
+    if request.kind != "range" and got != min(request.length, meta["size"]):
+        raise UnreachableError(
+            f"the server sent {got:,} of {min(request.length, meta['size']):,} bytes",
+            where=address.shown,
+            fix="Try again; if it stays, download the data.",
+        )
     return Answer(b"".join(parts), meta["size"], _tag(meta))
 
 
@@ -291,7 +298,7 @@ def _explained(error: Exception, address: Address) -> ExumiError:
         code = 403 if name == "PermissionDeniedError" else 401
         what = f"access was denied ({code})"
         fix = _CREDENTIALS.get(address.scheme, _WEB_CREDENTIALS)
-    elif "169.254.169.254" in text or "metadata.google.internal" in text:
+    elif address.scheme in _CREDENTIALS and any(host in text for host in _CREDENTIAL_HOSTS):
         what, fix = "there are no credentials", _CREDENTIALS[address.scheme]
     elif name == "NotSupportedError":
         what = "the server cannot send parts of a file (range requests)"

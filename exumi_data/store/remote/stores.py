@@ -3,7 +3,7 @@
 import io
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from itertools import pairwise
@@ -196,7 +196,12 @@ class RemoteFolderStore:
         answer = reader().one(Request("list", self._address))
         prefix = f"{self._address.key}/"
         found = {}
-        for key, size, tag in json.loads(answer.data):
+        listed = json.loads(answer.data)
+        folders = {key[:end] for key, _, _ in listed for end in _slashes(key)}
+        for key, size, tag in listed:
+            # Consoles put an empty object where they show a folder: "<key>/", listed as "<key>".
+            if not size and (key in folders or not key.startswith(prefix)):
+                continue
             path = check_member_path(key.removeprefix(prefix), self.location)
             found[path] = RemoteFile(self._address.below(path), Identity(size, tag))
         return found
@@ -307,6 +312,10 @@ class _Seekable(io.RawIOBase):
         data = self._file.read(self._at, length) if length else b""
         self._at += len(data)
         return data
+
+
+def _slashes(key: str) -> Iterator[int]:
+    return (place for place, letter in enumerate(key) if letter == "/")
 
 
 def _is_bulk(path: str, size: int, members: Mapping[str, tuple[int, int]]) -> bool:

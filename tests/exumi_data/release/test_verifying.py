@@ -1,4 +1,5 @@
 import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -76,6 +77,19 @@ def test_an_extra_file(copy: Path, name: str) -> None:
     (copy / name).touch()
     for quick in (False, True):
         assert found(copy, quick=quick) == [("extra", name)]
+
+
+@pytest.mark.parametrize("name", [rb"extra\file.txt", b"caf\xe9.txt"])
+def test_a_file_with_an_odd_name_hides_nothing(copy: Path, name: bytes) -> None:
+    Path(os.fsdecode(os.fsencode(copy) + b"/" + name)).touch()
+    flip(copy / "LICENSE", 8)
+    episode = an_episode(copy)
+    flip(episode, 100)
+    damaged = {("changed", "LICENSE"), ("changed", episode.relative_to(copy).as_posix())}
+    result = set(found(copy))
+    assert damaged < result
+    (odd,) = result - damaged
+    assert odd == ("unreadable", str(copy))
 
 
 def test_hidden_files_play_no_part(copy: Path) -> None:

@@ -1,5 +1,6 @@
 """Folders and zips from strangers: safe paths, no links, no tricks; and nothing is written."""
 
+import errno
 import os
 import shutil
 import stat
@@ -21,6 +22,7 @@ from exumi_data.errors import (
     LimitError,
     NotAnEpisodeError,
 )
+from exumi_data.store import access
 from exumi_data.store.access import FolderStore, OpenFiles, ZipStore, open_store
 from exumi_data.store.pack import pack
 from exumi_data.store.paths import check_member_path
@@ -120,6 +122,41 @@ def test_few_files_stay_open(episode: Path) -> None:
     assert open_descriptors() <= before + 3
     store.close()
     assert open_descriptors() <= before
+
+
+def test_of_many_stores_few_files_stay_open(episode: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(access, "_MOST_OWN", 12)
+    packed = pack(episode)
+    before = open_descriptors()
+    stores = [FolderStore(episode) for _ in range(10)] + [ZipStore(packed) for _ in range(10)]
+    for _ in range(2):
+        for store in stores:
+            for path in store.paths():
+                assert len(store.read_range(path, 0, 1)) == 1
+        assert open_descriptors() <= before + 12
+    del store, stores
+    assert open_descriptors() <= before
+
+
+def test_too_many_open_files_are_not_called_damage(
+    episode: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other, store = FolderStore(episode), FolderStore(episode)
+    other.read_range("zarr.json", 0, 1)
+    real = os.open
+    left = 1
+
+    def scarce(path: str, flags: int) -> int:
+        nonlocal left
+        if len(other._files._files) or not left:
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), path)
+        return real(path, flags)
+
+    monkeypatch.setattr("exumi_data.store.access.os.open", scarce)
+    assert len(store.read("zarr.json")) > 1  # by what the other one held open
+    left = 0
+    with pytest.raises(LimitError, match="too many files are open"):
+        store.read("zarr.json")
 
 
 def test_threads_share_a_store(episode: Path) -> None:

@@ -260,3 +260,12 @@ def test_without_obstore(s3: S3, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "obstore.store", None)
     with pytest.raises(MissingExtraError, match=r"exumi-data\[cloud\]"):
         exumi_data.open("s3://datasets/packed")
+
+
+def test_folders_that_consoles_show_are_no_files(s3: S3, folders: Path) -> None:
+    for key in ("marked/whole.zarr/", "marked/whole.zarr/streams/", "marked/"):
+        s3.put_marker(key)
+    url = s3.upload(folders / "whole.zarr", "marked/whole.zarr")
+    here, there = episode(folders / "whole.zarr"), episode(url)
+    assert there.store.paths() == here.store.paths()
+    assert digest_of(there.store) == digest_of(here.store)

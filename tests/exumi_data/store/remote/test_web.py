@@ -1,5 +1,6 @@
 """Web servers: good ones are read by ranges; of others it is said what is wrong with them."""
 
+import json
 import os
 import shutil
 import signal
@@ -110,6 +111,7 @@ def test_a_signed_url_is_used_and_not_told(site: Web, folders: Path) -> None:
         ("down", "answered with status 503"),
         ("slow", "did not answer in time"),
         ("cut_short", "cut short"),
+        ("short", r"sent [\d,]+ of [\d,]+ bytes"),
         ("other_range", "Requested"),
         ("much", "sends more than it was asked for"),
         ("compressed", r"compressed \(Content-Encoding: gzip\)"),
@@ -300,10 +302,18 @@ print(answers.get(timeout=20)[0])
 
 
 @pytest.mark.parametrize("first", ["", "import exumi_data.store.remote.fetching"])
-def test_a_fork_of_a_program_that_used_obstore_itself(site: Web, folders: Path, first: str) -> None:
+def test_a_fork_of_a_program_that_used_obstore_itself(
+    site: Web, folders: Path, first: str, tmp_path: Path
+) -> None:
     """Its calls would wait for ever, and crash the program that was forked."""
+    program, data = tmp_path / "program.py", tmp_path / "data"
+    program.write_text(FORKED.format(first=first))
+    data.mkdir()
+    # Where the program runs, a file may have any name: it is nobody's module.
+    (data / "obstore.py").write_text("raise SystemExit('data was run')")
     done = subprocess.run(
-        [sys.executable, "-c", FORKED.format(first=first), site.url, f"{site.url}/whole.zarr.zip"],
+        [sys.executable, program, site.url, f"{site.url}/whole.zarr.zip"],
+        cwd=data,
         check=False,
         capture_output=True,
         text=True,
@@ -334,3 +344,45 @@ def test_a_download_is_whole_or_not_there(site: Web, folders: Path, tmp_path: Pa
     with pytest.raises(UnreachableError):
         download(f"{site.url}/whole.zarr.zip", tmp_path / "half.zip")
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["got.zip"]
+
+
+def test_a_helper_whose_program_was_killed_ends_in_silence(site: Web) -> None:
+    helper = subprocess.Popen(
+        [sys.executable, "-m", "exumi_data.store.remote.helper"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    with helper:
+        assert helper.stdin
+        assert helper.stdout
+        assert helper.stderr
+        helper.stdout.close()
+        helper.stdin.write(
+            json.dumps([["head", site.url, "whole.zarr.zip", "", "", 0, 0]]).encode()
+        )
+        helper.stdin.close()
+        assert (helper.stderr.read(), helper.wait(60)) == (b"", 0)
+
+
+def test_a_host_of_credentials_is_a_host_like_others_on_the_web() -> None:
+    error = requests._explained(
+        OSError("http://metadata.google.internal/ kind: Connect"), Address.parse("https://a.b/c")
+    )
+    assert error.what == "the server cannot be reached"
+
+
+def test_whoever_sees_which_object_it_is_knows_its_key() -> None:
+    seen = []
+
+    class Noting(RemoteFile):
+        __slots__ = ()
+
+        def __setattr__(self, name: str, value: object) -> None:
+            if name == "_identity" and value is not None:
+                seen.append(self.key)
+            super().__setattr__(name, value)
+
+    file = Noting(Address.parse("https://a.b/c"), Identity(7, "one"))
+    assert seen == [file.key]
+    assert seen != [""]
