@@ -68,6 +68,9 @@ def avi_patches(read: ReadAt, size: int, names: Names) -> Iterator[Patch]:
                     pending.append((at + 12, stop, form, depth + 1))
             elif name == _XMP:
                 yield from xmp_patches(read(at + 8, min(stop - at - 8, _MAX_TEXT)), at + 8)
+            elif name == b"strh" and read(at + 8, min(4, stop - at - 8)) == b"txts":
+                why = "a stream of subtitles, which is not looked into"
+                yield Patch("gps", 0, b"", "subtitles", why)
             elif inside == b"INFO" or name in _TEXTS:
                 yield from _text(read, at, stop, name, names)
             at = stop + length % 2

@@ -20,6 +20,8 @@ _MASTERS = frozenset([
     _SEGMENT, 0x1549A966, _TRACKS, 0xAE, 0x1254C367, 0x7373, _SIMPLE_TAG,
     0x1043A770, 0x45B9, 0xB6, 0x80, 0x1941A469, 0x61A7,
 ])  # fmt: skip
+_TRACK_TYPE = 0x83
+_TEXT_TRACKS = frozenset((b"\x11", b"\x21"))  # subtitles, metadata
 _TAG_NAME, _TAG_STRING, _TAG_BINARY, _FILE_DATA, _CRC = 0x45A3, 0x4487, 0x4485, 0x465C, 0xBF
 # Title, names of tracks, files, programs, chapters, attached files and their descriptions.
 _TEXTS = frozenset(
@@ -84,6 +86,11 @@ class _Walk:
             elif (element.id in _MASTERS or element.id == _CLUSTER) and not is_block:
                 if depth < _DEEPEST:
                     yield from self.elements(element.start, element.end, depth + 1, checksums)
+            elif element.id == _TRACK_TYPE:
+                # Drones write where they are into subtitles, frame by frame.
+                if self.read(element.start, min(element.size, 8))[-1:] in _TEXT_TRACKS:
+                    why = "a track of subtitles or metadata, which is not looked into"
+                    yield Patch("gps", 0, b"", "subtitles", why)
             elif element.id == _TAG_NAME:
                 name = self._text(element)
             elif element.id in (_TAG_STRING, _TAG_BINARY):

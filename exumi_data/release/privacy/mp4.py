@@ -24,9 +24,10 @@ from exumi_data.release.privacy.xmp import xmp_patches
 __all__ = ["is_mp4", "mp4_patches"]
 
 _FIRST = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot", b"uuid")
-_CONTAINERS = frozenset(
-    (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"udta", b"ilst", b"edts", b"mvex")
-)
+_CONTAINERS = frozenset([
+    b"moov", b"trak", b"mdia", b"minf", b"stbl", b"udta", b"ilst", b"edts", b"mvex", b"moof",
+    b"traf",
+])  # fmt: skip
 _MAX_BOXES = 200_000
 _DEEPEST = 12
 _MAX_TABLE = 64 << 20
@@ -49,8 +50,10 @@ _KEYS: tuple[tuple[re.Pattern[str], Kind], ...] = (
     (re.compile(r"serial|identifier|uuid", re.IGNORECASE), "serial"),
     (re.compile(r"author|artist|director|producer", re.IGNORECASE), "operator"),
 )
-# Tracks whose samples are pictures, sound, text or plain time.
-_KNOWN = frozenset((b"vide", b"soun", b"tmcd", b"text", b"sbtl", b"subt", b"hint"))
+# Tracks whose samples are pictures, sound or plain time.
+_KNOWN = frozenset((b"vide", b"soun", b"tmcd", b"hint"))
+# Drones write where they are into subtitles, frame by frame.
+_TEXTS = frozenset((b"text", b"sbtl", b"subt"))
 _SECRET = 8
 
 
@@ -60,6 +63,8 @@ class _Box:
     at: int
     start: int
     end: int
+    rest: bytes
+    """What lies between its kind and its content: of a long length, that length."""
 
     @property
     def size(self) -> int:
@@ -120,6 +125,7 @@ class _Walk:
             if self._seen > _MAX_BOXES:
                 raise LimitError(f"the video has more than {_MAX_BOXES:,} boxes")
             box = self._box(at, end)
+            self.is_fragmented |= box.kind == b"moof"
             if box.kind == b"trak" and depth < _DEEPEST:
                 inner = _Track()
                 self.tracks.append(inner)
@@ -137,21 +143,19 @@ class _Walk:
 
     def _box(self, at: int, end: int) -> _Box:
         head = self.read(at, min(16, end - at))
-        length, start = int.from_bytes(head[:4], "big"), at + 8
+        length, start, rest = int.from_bytes(head[:4], "big"), at + 8, b""
         if length == 1 and len(head) == 16:
-            length, start = int.from_bytes(head[8:16], "big"), at + 16
+            length, start, rest = int.from_bytes(head[8:16], "big"), at + 16, head[8:]
         elif length == 0:
             length = end - at
         stop = min(max(at + length, start), end)
-        return _Box(head[4:8], at, start, stop)
+        return _Box(head[4:8], at, start, stop, rest)
 
     def _piece(self, box: _Box, length: int) -> bytes:
         return self.read(box.start, min(length, box.size))
 
     def _note(self, track: _Track | None, box: _Box) -> None:
-        if box.kind == b"moof":
-            self.is_fragmented = True
-        elif box.kind == b"keys":
+        if box.kind == b"keys":
             self._keys = dict(enumerate(_key_names(self._piece(box, _MAX_SMALL)), 1))
         elif track is None:
             return
@@ -159,7 +163,7 @@ class _Walk:
             track.handler = self._piece(box, 12)[8:12]
         elif box.kind == b"stsd":
             track.format = self._piece(box, 16)[12:16]
-        elif box.kind in (b"stsz", b"stsc", b"stco", b"co64"):
+        elif box.kind in (b"stsz", b"stz2", b"stsc", b"stco", b"co64"):
             track.tables[box.kind] = box
 
     def _leaf(self, box: _Box, parent: bytes) -> Iterator[Patch]:
@@ -169,10 +173,16 @@ class _Walk:
             skip = 0 if box.kind == b"XMP_" else 16
             if not skip or self._piece(box, 16) == _XMP_ID:
                 yield from xmp_patches(self._piece(box, _MAX_SMALL)[skip:], box.start + skip)
-        elif parent in (b"udta", b"ilst") and box.size <= _MAX_SMALL:
+        elif parent in (b"udta", b"ilst"):
             yield from self._said(box, parent)
 
     def _said(self, box: _Box, parent: bytes) -> Iterator[Patch]:
+        if box.size > _MAX_SMALL:
+            name = printable(box.kind)
+            if box.kind == b"free":
+                return
+            yield _freed(box, "gps", name, "a part of the file's own description too long to read")
+            return
         content = self._piece(box, _MAX_SMALL)
         kind, why = self._meaning(box, parent)
         value = _place(content) if box.kind == b"loci" else _words(content, parent)
@@ -237,8 +247,9 @@ def _is_text(content: bytes) -> bool:
 
 
 def _freed(box: _Box, kind: Kind, value: str, why: str, secret: bytes = b"") -> Patch:
-    # What lies between the box's kind and its content is the rest of a long length: it stays.
-    return Patch(kind, box.at + 4, b"free" + bytes(box.size), value, why, secret)
+    content = zeros(box.size)
+    new = b"free" + box.rest + content if len(content) == box.size else b""
+    return Patch(kind, box.at + 4, new, value, why, secret)
 
 
 def _track_patches(walk: _Walk, track: _Track) -> Iterator[Patch]:
@@ -250,19 +261,31 @@ def _track_patches(walk: _Walk, track: _Track) -> Iterator[Patch]:
         yield Patch("gps", 0, b"", name, why)
         return
     samples = _samples(walk, track)
-    if track.format == b"gpmd":
-        for start, length in samples:
-            if length <= MAX_PAYLOAD_BYTES:
-                yield from gpmf_patches(walk.read(start, length), start)
-            else:
-                yield Patch("gps", start, zeros(length), name, "telemetry that is too long to read")
+    if samples is None:
+        if track.tables:
+            why = f"a track {name!r} whose tables are not understood"
+            yield Patch("gps", 0, b"", name, why)
+    elif track.format == b"gpmd":
+        yield from _telemetry_patches(walk, samples, name)
     elif track.format == b"fdsc":
         yield from _recovery_patches(walk, samples)
     else:
         why = f"a metadata track of the form {name!r}, which is not understood"
+        if track.handler in _TEXTS:
+            why = f"subtitles or other text of the form {name!r}, which may say where it was"
         for start, length in samples:
             if any(walk.read(start, min(length, MAX_PAYLOAD_BYTES))):
                 yield Patch("gps", start, zeros(length), name, why)
+
+
+def _telemetry_patches(
+    walk: _Walk, samples: Iterator[tuple[int, int]], name: str
+) -> Iterator[Patch]:
+    for start, length in samples:
+        if length <= MAX_PAYLOAD_BYTES:
+            yield from gpmf_patches(walk.read(start, length), start)
+        else:
+            yield Patch("gps", start, zeros(length), name, "telemetry that is too long to read")
 
 
 def _recovery_patches(walk: _Walk, samples: Iterator[tuple[int, int]]) -> Iterator[Patch]:
@@ -293,17 +316,26 @@ def _serials(content: bytes) -> str:
     return ", ".join(dict.fromkeys(one.decode() for one in found)) or "GPRO"
 
 
-def _samples(walk: _Walk, track: _Track) -> Iterator[tuple[int, int]]:
-    """Yield the place and the length of each sample."""
+def _samples(walk: _Walk, track: _Track) -> Iterator[tuple[int, int]] | None:
+    """Return the place and the length of each sample; None where the tables do not tell them."""
     sizes = _sizes(walk, track.tables.get(b"stsz"))
     offsets = _table(walk, track.tables.get(b"stco"), ">u4")
     if offsets is None:
         offsets = _table(walk, track.tables.get(b"co64"), ">u8")
     runs = _table(walk, track.tables.get(b"stsc"), ">u4", columns=3)
     if sizes is None or offsets is None or runs is None:
-        return
+        return None
     if int(sizes.sum()) > walk.size:
         raise LimitError("samples of a track of the video overlap")
+    return _placed(walk.size, sizes, offsets, runs)
+
+
+def _placed(
+    end: int,
+    sizes: npt.NDArray[np.uint64],
+    offsets: npt.NDArray[np.uint64],
+    runs: npt.NDArray[np.uint64],
+) -> Iterator[tuple[int, int]]:
     lengths = iter(sizes.tolist())
     for chunk, place in enumerate(offsets.tolist(), 1):
         run = int(np.searchsorted(runs[:, 0], chunk, side="right")) - 1
@@ -311,7 +343,7 @@ def _samples(walk: _Walk, track: _Track) -> Iterator[tuple[int, int]]:
             return
         start = place
         for length in islice(lengths, int(runs[run, 1])):
-            if start + length > walk.size:
+            if start + length > end:
                 return
             yield start, length
             start += length

@@ -114,3 +114,15 @@ def test_a_file_of_nothing_but_heads() -> None:
     raw = b"RIFF\xff\xff\xff\xffAVI " + b"LIST\x04\0\0\0INFO" * 250_000
     with pytest.raises(LimitError):
         list(avi_patches(lambda at, length: raw[at : at + length], len(raw), {}))
+
+
+def test_subtitles_in_other_containers_may_say_where_it_was() -> None:
+    entry = b"\xae\x86" + b"\xd7\x81\x02" + b"\x83\x81\x11"  # track 2, subtitles
+    tracks = b"\x16\x54\xae\x6b" + bytes([0x80 | len(entry)]) + entry
+    raw = b"\x1a\x45\xdf\xa3\x80" + b"\x18\x53\x80\x67" + bytes([0x80 | len(tracks)]) + tracks
+    (found,) = matroska_patches(lambda at, length: raw[at : at + length], len(raw), {})
+    assert (found.kind, found.value, found.new) == ("gps", "subtitles", b"")
+    header = b"LIST" + (16).to_bytes(4, "little") + b"strl" + b"strh\x04\0\0\0txts"
+    avi = b"RIFF" + (len(header) + 4).to_bytes(4, "little") + b"AVI " + header
+    (found,) = avi_patches(lambda at, length: avi[at : at + length], len(avi), {})
+    assert (found.kind, found.value, found.new) == ("gps", "subtitles", b"")

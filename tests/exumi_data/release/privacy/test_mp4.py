@@ -216,3 +216,48 @@ def test_damage_never_harms(noise: bytes, place: int, value: int) -> None:
             except LimitError:
                 continue
             assert all(p.start >= 0 and p.start + len(p.new) <= len(data) for p in found)
+
+
+@pytest.mark.parametrize("handler", [b"text", b"sbtl", b"subt"])
+def test_subtitles_may_say_where_it_was(handler: bytes) -> None:
+    text = b"[latitude: 48.137430] [longitude: 11.575490]"
+    samples = [struct.pack(">H", len(text)) + text, bytes(2)]
+    data = box(b"ftyp", b"isom") + box(b"mdat", *samples)
+    raw = data + box(b"moov", track(b"tx3g", samples, start=20, handler=handler))
+    found = patches(raw)
+    assert told(found) == [("gps", "tx3g")]
+    clean = patched(raw, found)
+    assert b"latitude" not in clean
+    assert patches(clean) == []
+
+
+def test_a_track_whose_tables_are_not_understood_may_hold_anything() -> None:
+    raw = movie(b"priv", [b"48.13743, 11.57549"])
+    assert told(patches(raw)) == [("gps", "priv")]
+    (found,) = patches(raw.replace(b"stsz", b"stz2"))
+    assert (found.kind, found.new) == ("gps", b"")
+    assert "tables" in found.why
+
+
+def test_a_position_in_a_box_with_a_long_length_goes_whole() -> None:
+    content = struct.pack(">HH", 20, 0x15C7) + b"+48.13743+011.57549/"
+    long = struct.pack(">I4sQ", 1, b"\xa9xyz", 16 + len(content)) + content
+    raw = box(b"ftyp", b"isom") + box(b"moov", box(b"udta", long, box(b"kept", b"yes")))
+    found = patches(raw)
+    assert [patch.kind for patch in found] == ["gps"]
+    clean = patched(raw, found)
+    assert b"57549" not in clean
+    assert clean == raw.replace(b"\xa9xyz", b"free").replace(content, bytes(len(content)))
+
+
+def test_what_fragments_and_long_boxes_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = box(b"udta", box(b"\xa9xyz", struct.pack(">HH", 18, 0), b"+48.1374+011.5755/"))
+    raw = box(b"ftyp", b"isom") + box(b"moof", box(b"traf", said))
+    (found,) = patches(raw)
+    assert found.kind == "gps"
+    assert b"48.1" not in patched(raw, [found])
+    monkeypatch.setattr("exumi_data.release.privacy.mp4._MAX_SMALL", 64)
+    raw = box(b"ftyp", b"isom") + box(b"moov", box(b"udta", box(b"text", b"nothing" * 40)))
+    (found,) = patches(raw)
+    assert "too long to read" in found.why
+    assert patches(patched(raw, [found])) == []
