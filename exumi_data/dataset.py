@@ -314,8 +314,8 @@ def _local_catalog(root: Path) -> "pa.Table":
             raise DamagedDataError(
                 f"{len(failed)} episode(s) cannot be read; the first: {first.error}",
                 where=root,
-                fix=f"See all with: exumi validate {root} (or take them out: exumi dataset "
-                f"remove {root} --unreadable)",
+                fix=f"See all with: exumi validate {root} (what is damaged can be taken out: exumi "
+                f"dataset remove {root} --unreadable --reason WHY)",
             )
         if table is not None:
             here = set(present)

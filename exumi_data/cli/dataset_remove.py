@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -39,7 +39,10 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     split: SplitOption = None,
     everything: AllOption = False,
     unreadable: Annotated[
-        bool, typer.Option("--unreadable", help="Episodes that cannot be read; all are read.")
+        bool,
+        typer.Option(
+            "--unreadable", help="Episodes whose documents or times are damaged; all are read."
+        ),
     ] = False,
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Do not ask: the data are gone afterwards.")
@@ -82,10 +85,14 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
                 going.remove(reason, on_done=lambda n: update(n, len(going.episodes), ""))
     if output is Format.JSON:
         print_json({**going.listed, "reason": reason, "dry_run": dry_run})
-        return
+        raise typer.Exit(1 if going.left_alone else 0)
     for line in going.episodes:
         print(printable(line))
     print(f"{going.said} {'would be removed' if dry_run else 'removed'}")
+    for line in going.left_alone:
+        print(printable(f"left alone: {line}"), file=sys.stderr)
+    if going.left_alone:
+        raise typer.Exit(1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +109,15 @@ class _Going:
         For programs.
     remove : callable
         Does it.
+    left_alone : list of str
+        What cannot be read and stays, a line each.
     """
 
     episodes: list[str]
     said: str
     listed: dict[str, Any]
     remove: Callable[..., None]
+    left_alone: list[str] = field(default_factory=list)
 
 
 def _chosen(
@@ -138,10 +148,15 @@ def _unreadable(root: Path, *, quiet: bool) -> _Going:
 
     total = len(list_episodes(root))
     with progress_of("Reading", quiet=quiet) as update:
-        source, found = find_unreadable(root, lambda n: update(n, total, ""))
+        found = find_unreadable(root, lambda n: update(n, total, ""))
     return _Going(
-        [f"{path}: {problem}" for path, problem in found.items()],
-        f"{len(found)} of {total} episodes (unreadable)",
-        {"removed": [id_in_name(path) for path in found], "problems": found},
-        partial(remove_unreadable, source, found),
+        [f"{path}: {problem}" for path, problem in found.damaged.items()],
+        f"{len(found.damaged)} of {total} episodes (unreadable)",
+        {
+            "removed": [id_in_name(path) for path in found.damaged],
+            "problems": found.damaged,
+            "left_alone": found.left_alone,
+        },
+        partial(remove_unreadable, found),
+        [f"{path}: {problem}" for path, problem in found.left_alone.items()],
     )

@@ -3,22 +3,23 @@
 import json
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from exumi_data.catalog import build_catalog
+from exumi_data.catalog import build_catalog, rows_to_table
 from exumi_data.dataset import DATASET_DOCUMENT, Dataset
 from exumi_data.editing.copying import chosen_of
 from exumi_data.editing.documents import write_splits
+from exumi_data.errors import DamagedDataError, ExumiError, MetadataError, NotAnEpisodeError
 from exumi_data.model.documents import MAX_DOCUMENT_BYTES, parse_dataset
 from exumi_data.store.files import sync_folder, write_atomic
 from exumi_data.store.plain_files import read_plain
 
-if TYPE_CHECKING:
-    from exumi_data.engine import Outcome
-
 __all__ = [
     "TOMBSTONE",
+    "Unreadable",
     "find_unreadable",
     "id_in_name",
     "remove_episodes",
@@ -27,6 +28,8 @@ __all__ = [
 
 TOMBSTONE = ".removed-"
 """``.removed-<id>.json`` stays beside where an episode was: what it was, and why it went."""
+
+_GONE = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
 
 
 def remove_episodes(
@@ -53,9 +56,27 @@ def remove_episodes(
         on_done(number + 1)
 
 
-def find_unreadable(
-    root: Path, on_done: Callable[[int], None] = lambda _done: None
-) -> tuple[Dataset, dict[str, str]]:
+@dataclass(frozen=True, slots=True)
+class Unreadable:
+    """What of a dataset cannot be read; why, by the path of the episode below the dataset.
+
+    Attributes
+    ----------
+    dataset : Dataset
+        Of the episodes that can be read.
+    damaged : dict of str to str
+        Documents or times are damaged or missing.
+    left_alone : dict of str to str
+        What may well be whole: this program, or this computer, cannot read it, or its metadata say
+        what the standard does not know.
+    """
+
+    dataset: Dataset
+    damaged: dict[str, str]
+    left_alone: dict[str, str]
+
+
+def find_unreadable(root: Path, on_done: Callable[[int], None] = lambda _done: None) -> Unreadable:
     """Read every episode of a dataset, as far as its catalog needs it.
 
     Parameters
@@ -66,10 +87,7 @@ def find_unreadable(
 
     Returns
     -------
-    dataset : Dataset
-        Of those that can be read.
-    unreadable : dict of str to str
-        Path of an episode that cannot be read, below the dataset, and why.
+    Unreadable
 
     Raises
     ------
@@ -80,39 +98,49 @@ def find_unreadable(
     """
     document = root / DATASET_DOCUMENT
     metadata = parse_dataset(read_plain(document, MAX_DOCUMENT_BYTES), document)
-    done = 0
+    done = count(1)
+    table, failed = build_catalog(root, on_done=lambda _outcome: on_done(next(done)))
+    # Once more, here: what was for a moment is over, and a worker does not tell what caused it.
+    again, failed = build_catalog(root, paths=[one.item for one in failed], workers=1)
+    damaged: dict[str, str] = {}
+    left_alone: dict[str, str] = {}
+    for one in sorted(failed, key=lambda outcome: outcome.item):
+        error = one.error
+        if isinstance(error, ExumiError):
+            # Without the folder that the dataset happens to lie in: it stays in the note.
+            (damaged if _is_damage(error) else left_alone)[one.item] = error.what
+    whole = rows_to_table([*table.to_pylist(), *again.to_pylist()])
+    return Unreadable(Dataset(str(root), metadata, whole), damaged, left_alone)
 
-    def told(_outcome: "Outcome[str, dict[str, Any]]") -> None:
-        nonlocal done
-        done += 1
-        on_done(done)
 
-    table, failed = build_catalog(root, on_done=told)
-    # Without the folder that the dataset happens to lie in: it stays in the note.
-    unreadable = {one.item: getattr(one.error, "what", "") for one in failed}
-    return Dataset(str(root), metadata, table), dict(sorted(unreadable.items()))
+def _is_damage(error: ExumiError) -> bool:
+    """Whether no other program, computer or day could read an episode, and nobody could mend it."""
+    cause = error.__cause__
+    if isinstance(cause, OSError) and not isinstance(cause, _GONE):
+        return False
+    if isinstance(error, MetadataError):
+        return not error.problems  # not even JSON
+    return isinstance(error, DamagedDataError | NotAnEpisodeError)
 
 
 def remove_unreadable(
-    dataset: Dataset,
-    unreadable: Mapping[str, str],
+    unreadable: Unreadable,
     reason: str,
     *,
     on_done: Callable[[int], None] = lambda _done: None,
 ) -> None:
-    """Remove episodes that cannot be read, as `remove_episodes` does those that can.
+    """Remove episodes that are damaged, as `remove_episodes` does those that are not.
 
     Parameters
     ----------
-    dataset : Dataset
-    unreadable : mapping of str to str
-        As `find_unreadable` returns them.
+    unreadable : Unreadable
     reason : str
     on_done : callable
         Told how many are done.
     """
-    _shorten_splits(dataset, {id_in_name(path) for path in unreadable})
-    for number, (path, problem) in enumerate(unreadable.items()):
+    dataset = unreadable.dataset
+    _shorten_splits(dataset, {id_in_name(path) for path in unreadable.damaged})
+    for number, (path, problem) in enumerate(unreadable.damaged.items()):
         said = {"id": id_in_name(path), "problem": problem, "reason": reason}
         _remove(Path(dataset.path, path), said)
         on_done(number + 1)

@@ -1,6 +1,8 @@
 """``exumi dataset``: what is told, what is refused, and that a dry run does nothing."""
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -117,6 +119,31 @@ def test_what_cannot_be_read_can_be_removed(root: Path) -> None:
     assert "why" in note
     assert str(root.parent) not in note
     assert "0 of 1 episodes" in good("remove", root, "--unreadable", "--reason", "why")
+
+
+def test_what_may_be_whole_is_not_removed_as_unreadable(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = [next(root.glob(f"episodes/*/{name}.zarr/zarr.json")) for name in IDS]
+    for path, (key, value) in zip(paths, [("version", "2.0"), ("misspelt", 1)], strict=False):
+        document = json.loads(path.read_bytes())
+        document["attributes"]["exumi"][key] = value
+        path.write_text(json.dumps(document))
+    real = os.open
+
+    def refuse(path: str, flags: int, *more: int, **others: int) -> int:
+        if str(path) == str(paths[2]):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), path)
+        return real(path, flags, *more, **others)
+
+    monkeypatch.setattr(os, "open", refuse)
+    done = run("remove", root, "--unreadable", "--reason", "why", "--yes")
+    assert done.exit_code == 1
+    assert "0 of 3 episodes" in done.output
+    assert done.output.count("left alone: ") == 3
+    told = run("remove", root, "--unreadable", "--reason", "why", "--yes", "-f", "json")
+    assert len(json.loads(told.stdout)["left_alone"]) == 3
+    assert all(path.exists() for path in paths)
 
 
 def test_unreadable_episodes_are_not_chosen_otherwise(root: Path) -> None:
