@@ -213,7 +213,7 @@ def test_invalid_samples_are_left_out(judged: Callable[..., Report]) -> None:
     [
         ([tactile("tactile_head"), tactile()], "no width of the same gripper"),
         ([width("width_left"), width("width_right"), tactile()], "no width of the same gripper"),
-        ([width(), tactile(stored=False)], "no stored activity"),
+        ([width(), tactile(stored=False)], "no stored activity, which exumi prepare stores"),
         ([width(), tactile(values=np.zeros(999))], GRASPED),
         ([width(values=np.full(800, 0.05)), tactile()], GRASPED),
         ([width(clock=Clock(source="none", stamp_point="nominal_rate")), tactile()], NOMINAL),

@@ -64,7 +64,7 @@ def activity_of(episode: EpisodeContext, name: str) -> Curve | str:
     """Return the activity of a tactile stream, or why it cannot be used."""
     path = f"{name}/activity"
     if path not in episode.derived:
-        return "no stored activity"
+        return "no stored activity, which exumi prepare stores"
     return curve_of(episode, name, f"derived/{path}")
 
 

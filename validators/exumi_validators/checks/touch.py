@@ -87,7 +87,11 @@ def _share_findings(
 ) -> Iterator[Finding]:
     path = f"derived/{name}/activity"
     if counted is None:
-        yield Skipped(rule, "no stored activity with its threshold", f"streams/{name}")
+        yield Skipped(
+            rule,
+            "no stored activity with its threshold, which exumi prepare stores",
+            f"streams/{name}",
+        )
         return
     if counted.frames < episode.limit(rule, "frames"):
         yield Skipped(rule, "too few frames", path)
