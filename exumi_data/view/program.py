@@ -13,7 +13,8 @@ __all__ = ["run_rerun", "running_rerun"]
 # The launcher of the package, which starts the program from wherever it was installed to. Run with
 # -m, it would lose the exit code.
 _LAUNCHER = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
-_COMMAND = (sys.executable, "-c", _LAUNCHER)
+# Nothing that lies in the current folder, which may be somebody's data, is a module (-P).
+_COMMAND = (sys.executable, "-P", "-c", _LAUNCHER)
 _HOMES = ("HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_CACHE_HOME")
 _PATIENCE_S = 5.0
 

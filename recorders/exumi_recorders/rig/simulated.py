@@ -202,7 +202,14 @@ def _headset(settings: SimulatedSettings, port: int) -> dict[str, Any]:
 
 def _start(name: str, options: dict[str, Any]) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(  # noqa: S603  # our own program
-        [sys.executable, "-m", "exumi_recorders.simulated.started", name, json.dumps(options)],
+        [
+            sys.executable,
+            "-P",
+            "-m",
+            "exumi_recorders.simulated.started",
+            name,
+            json.dumps(options),
+        ],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

@@ -13,7 +13,10 @@ from exumi_data.view.looking import look
 from exumi_data.view.program import run_rerun, running_rerun
 
 
-def test_its_exit_code_and_its_words(tmp_path: Path) -> None:
+def test_its_exit_code_and_its_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A file of that name in the current folder, which may be somebody's dataset, is no module.
+    (tmp_path / "rerun_cli.py").write_text("raise SystemExit('data was run')")
+    monkeypatch.chdir(tmp_path)
     code, printed = run_rerun("rrd", "verify", str(tmp_path / "none.rrd"), home=tmp_path)
     assert code != 0
     assert "none.rrd" in printed
