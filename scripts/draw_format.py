@@ -237,7 +237,7 @@ def timeline() -> Drawing:
 
     d.text(24, 34, "One time, many rates", size=17, bold=True)
     d.text(
-        210, 34, "each sample lies where it was measured; nothing is moved onto a grid", colour=SOFT
+        250, 34, "each sample lies where it was measured; nothing is moved onto a grid", colour=SOFT
     )
     d.line([(x(asked), 56), (x(asked), 408)], ALARM, width=1.5, dashed=True)
     d.line([(x(0), 62), (x(0), 408)], "#9a9da2", width=1)
@@ -368,15 +368,14 @@ def frame() -> Drawing:
 def derivation() -> Drawing:
     """Draw what is computed from what."""
     d = Drawing(900, 500, "What was measured, what is known, and what is computed from both")
-    for i, (look, words) in enumerate(
-        (
-            (MEASURED, "measured: never changed"),
-            (KNOWN, "known: with its method and uncertainty"),
-            (DERIVED, "computed: can be computed again"),
-        )
+    # Far enough apart for DejaVu Sans, which is wider than the fonts that are asked for.
+    for x, look, words in (
+        (24, MEASURED, "measured: never changed"),
+        (280, KNOWN, "known: with its method and uncertainty"),
+        (600, DERIVED, "computed: can be computed again"),
     ):
-        d.box(24 + 285 * i, 20, 22, 18, look)
-        d.text(54 + 285 * i, 34, words, size=13)
+        d.box(x, 20, 22, 18, look)
+        d.text(x + 30, 34, words, size=13)
     rows = (
         (
             64,

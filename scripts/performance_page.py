@@ -1,8 +1,9 @@
-"""Fill the tables of ``docs/performance.md`` with what the benchmarks printed.
+"""Fill the marked places of the documentation with what the benchmarks printed.
 
+They are the tables of ``docs/performance.md`` and that of the sweeps in ``docs/calibration.md``.
 The figures come from ``benchmarks/results/*.json``, which the scripts in ``benchmarks/`` write with
-``--json``. Without ``--check`` it writes the page; with it, it compares, and returns 1 if the two
-differ.
+``--json``. Without ``--check`` it writes the pages; with it, it compares, and returns 1 if any
+differs.
 """
 
 import argparse
@@ -12,12 +13,12 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from performance_rows import TABLES, Results, Row
+from performance_rows import TABLES, TEXTS, Results, Row
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "performance.md"
+PAGES = (ROOT / "docs" / "performance.md", ROOT / "docs" / "calibration.md")
 RESULTS = ROOT / "benchmarks" / "results"
-_TABLE = re.compile(r"<!-- begin measured: (\w+) -->\n.*?<!-- end measured -->", re.DOTALL)
+_PLACE = re.compile(r"<!-- begin measured: (\w+) -->\n.*?<!-- end measured -->", re.DOTALL)
 
 
 def table(rows: tuple[Row, ...], results: Mapping[str, Results]) -> str:
@@ -38,14 +39,17 @@ def table(rows: tuple[Row, ...], results: Mapping[str, Results]) -> str:
 
 
 def filled(text: str, results: Mapping[str, Results]) -> str:
-    """Return the page with its tables filled."""
+    """Return a page with its marked places filled."""
 
     def one(match: re.Match[str]) -> str:
         name = match[1]
-        body = table(TABLES[name], results)
+        if name in TABLES:
+            body = table(TABLES[name], results)
+        else:
+            body = TEXTS[name].written(results[TEXTS[name].file])
         return f"<!-- begin measured: {name} -->\n\n{body}\n\n<!-- end measured -->"
 
-    return _TABLE.sub(one, text)
+    return _PLACE.sub(one, text)
 
 
 def read_results() -> dict[str, Results]:
@@ -58,14 +62,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--check", action="store_true", help="write nothing, compare")
     check = parser.parse_args().check
-    text = PAGE.read_text("utf-8")
-    new = filled(text, read_results())
-    if not check:
-        PAGE.write_text(new, "utf-8")
-    elif new != text:
-        sys.stderr.write(f"differs: {PAGE}; run python scripts/performance_page.py\n")
-        return 1
-    return 0
+    results, wrong = read_results(), 0
+    for page in PAGES:
+        text = page.read_text("utf-8")
+        new = filled(text, results)
+        if not check:
+            page.write_text(new, "utf-8")
+        elif new != text:
+            sys.stderr.write(f"differs: {page}; run python scripts/performance_page.py\n")
+            wrong = 1
+    return wrong
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
-"""What each row of ``docs/performance.md`` says of the results of its benchmark."""
+"""What each marked place of the documentation says of the results of its benchmarks."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from textwrap import fill
 from typing import Any
 
-__all__ = ["TABLES", "Results", "Row"]
+__all__ = ["TABLES", "TEXTS", "Results", "Row", "Text"]
 
 Results = Mapping[str, Any]
 
@@ -26,6 +27,22 @@ class Row:
     what: str
     files: tuple[str, ...]
     measured: Callable[..., str]
+
+
+@dataclass(frozen=True)
+class Text:
+    """A place that is no table of rows.
+
+    Attributes
+    ----------
+    file : str
+        Name of the JSON file that its figures come from, without ``.json``.
+    written : callable
+        Writes it in Markdown, given this file's contents.
+    """
+
+    file: str
+    written: Callable[[Results], str]
 
 
 def _span(values: list[float], form: str) -> str:
@@ -525,4 +542,72 @@ TABLES: dict[str, tuple[Row, ...]] = {
         ),
         Row("drivers' part of one core", ("drivers",), _drivers),
     ),
+}
+
+
+# ------------------------------------------------------------------------------------------- texts
+
+
+def _parts_of_a_window(r: Results) -> str:
+    grey = r["grey"]
+    window = 1e3 / grey["exumi_windows_per_s"]["median"]
+    whole = 1e3 / grey["exumi_float32_chw_windows_per_s"]["median"]
+    decoding = 1e3 / grey["decoding_only_windows_per_s"]["simplejpeg"]["median"]
+    floats = whole - window
+    peer = grey["lerobot"]["by_allocator"]["default"]["windows_per_s"]
+    least = 1e3 / (decoding + floats)
+    return fill(
+        f"As floats on the CPU there is little left to gain: of the {whole:.2f} ms that a window "
+        f"takes, {decoding:.2f} are decoding (the loop above), {floats:.2f} are floats (dividing "
+        f"and writing 2.4 MB), and {window - decoding:.2f} are reading the files, their checksums, "
+        "poses and widths. With nothing but the decoding and the floats it would be "
+        f"{least / peer:.1f}× LeRobotDataset.",
+        width=110,
+    )
+
+
+def _sweeps_by_rate(r: Results) -> str:
+    lines = [
+        "| sweeps at | bias | RMS | largest | stated "
+        "| with effects: bias | RMS | largest | stated |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for rate, bare in r["without_effects"].items():
+        real = r["with_effects"][rate]
+        names = ("rms_ms", "largest_ms", "stated_sigma_ms")
+        cells = [rate, f"{bare['bias_ms']:+.3f}", *(f"{bare[name]:.3f}" for name in names)]
+        cells += [f"{real['bias_ms']:+.2f}", *(f"{real[name]:.2f}" for name in names)]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _sweeps_in_words(r: Results) -> str:
+    bare, real = r["without_effects"]["all"], r["with_effects"]["all"]
+    wrong = r["wrong_data_accepted"]
+    ways = (r["without_effects"], r["with_effects"])
+    slow = [rate for rate in ways[0] if rate != "all" and any(way[rate]["refused"] for way in ways)]
+    where = f", all at {' and '.join(slow)}" if slow else ""
+    return fill(
+        f"Milliseconds; {bare['sweeps']:,} sweeps without effects and {real['sweeps']:,} with "
+        "them. *With effects*, exposure, readout and lag are drawn from their ranges and not known "
+        "to the estimate, and the error is against the latency that the poses had in the sweep; "
+        "*stated* also covers that they have another lag in use "
+        f"({100 * real['within_2_sigma_in_use']:.0f} % within two standard deviations then). "
+        f"{bare['wrong_basins'] + real['wrong_basins']} of the accepted sweeps were in a "
+        "wrong basin. "
+        f"{bare['refused'] + real['refused']} of {bare['sweeps'] + real['sweeps']:,} were "
+        f"refused{where}. "
+        f"Without effects, {100 * bare['within_2_sigma_in_sweep']:.0f} % of the errors lie within "
+        f"two standard deviations. Of {len(wrong)} kinds of wrong data (no motion, frozen "
+        "tracking, periodic sweeps, unrelated motion, few detections, another time, a clock that "
+        f"steps, a delay beyond the range), {r['wrong_data_of_each_kind']} each, "
+        f"{sum(map(len, wrong.values()))} were accepted.",
+        width=110,
+    )
+
+
+TEXTS: dict[str, Text] = {
+    "parts_of_a_window": Text("windows", _parts_of_a_window),
+    "sweeps_by_rate": Text("latency_sweep", _sweeps_by_rate),
+    "sweeps_in_words": Text("latency_sweep", _sweeps_in_words),
 }

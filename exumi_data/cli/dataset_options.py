@@ -164,6 +164,7 @@ def tell_revisions(done: "list[Revision]", *, dry_run: bool, as_json: bool) -> N
     from dataclasses import asdict
 
     from exumi_data.cli.output import print_json, printable
+    from exumi_data.wording import counted
 
     changed = [one for one in done if one.changed]
     if as_json:
@@ -182,7 +183,8 @@ def tell_revisions(done: "list[Revision]", *, dry_run: bool, as_json: bool) -> N
             printable(f"{named}{f' and {len(same) - _SHOWN} more' if len(same) > _SHOWN else ''}")
         )
         print(printable(text, lines=True))
-    print(f"{len(changed)} of {len(done)} episodes {'would change' if dry_run else 'changed'}")
+    total = counted(len(done), "episode")
+    print(f"{len(changed):,} of {total} {'would change' if dry_run else 'changed'}")
 
 
 def _text(value: object) -> str:
@@ -226,6 +228,7 @@ def write_dataset(
     from exumi_data.editing.documents import write_splits
     from exumi_data.errors import UsageError
     from exumi_data.leftovers import clean_leftovers
+    from exumi_data.wording import counted
 
     if not made.chosen:
         raise UsageError("no episode is chosen")
@@ -255,7 +258,8 @@ def write_dataset(
         )
         return
     what = "would be written" if dry_run else "written"
-    print(printable(f"{target}: {len(made.chosen)} episodes, {size_text(size)} {what}"))
+    said = counted(len(made.chosen), "episode")
+    print(printable(f"{target}: {said}, {size_text(size)} {what}"))
     for name, document in made.splits.items():
         lists = ", ".join(f"{part} {len(ids)}" for part, ids in document.lists.items())
         print(printable(f"  split {name}: {lists}"))
@@ -268,6 +272,7 @@ def _refuse_other_data(made: "Merge", target: Path, sources: "Sequence[Path]") -
     from exumi_data.destination import is_current
     from exumi_data.errors import UsageError
     from exumi_data.manifest import MANIFEST_NAME
+    from exumi_data.wording import counted
 
     inside = {source.resolve() for source in sources}
     here = target.resolve()
@@ -283,7 +288,7 @@ def _refuse_other_data(made: "Merge", target: Path, sources: "Sequence[Path]") -
     others = [path for path in list_episodes(target) if path not in wanted]
     if others:
         raise UsageError(
-            f"holds {len(others)} other episodes, the first is {others[0]}",
+            f"holds {counted(len(others), 'other episode')}, the first is {others[0]}",
             where=target,
             fix="Name a new folder, and that one among the datasets that are merged.",
         )

@@ -133,11 +133,12 @@ def _chosen(
     from exumi_data.editing.copying import chosen_of
     from exumi_data.editing.removal import remove_episodes
     from exumi_data.editing.selection import choose
+    from exumi_data.wording import counted
 
     source = opened(root)
     ids = choose(source, ids=episodes, where=where, split=split, everything=everything)
     size = size_text(sum(int(one.row["bytes"]) for one in chosen_of(source, ids)))
-    said = f"{len(ids)} of {len(source)} episodes, {size}"
+    said = f"{len(ids):,} of {counted(len(source), 'episode')}, {size}"
     return _Going(ids, said, {"removed": ids}, partial(remove_episodes, source, ids))
 
 
@@ -145,13 +146,14 @@ def _unreadable(root: Path, *, quiet: bool) -> _Going:
     from exumi_data.catalog import list_episodes
     from exumi_data.cli.output import progress_of
     from exumi_data.editing.removal import find_unreadable, id_in_name, remove_unreadable
+    from exumi_data.wording import counted
 
     total = len(list_episodes(root))
     with progress_of("Reading", quiet=quiet) as update:
         found = find_unreadable(root, lambda n: update(n, total, ""))
     return _Going(
         [f"{path}: {problem}" for path, problem in found.damaged.items()],
-        f"{len(found.damaged)} of {total} episodes (unreadable)",
+        f"{len(found.damaged):,} of {counted(total, 'episode')} (unreadable)",
         {
             "removed": [id_in_name(path) for path in found.damaged],
             "problems": found.damaged,

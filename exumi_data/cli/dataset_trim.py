@@ -51,6 +51,7 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     from exumi_data.editing.selection import choose
     from exumi_data.editing.trimming import trim_episode
     from exumi_data.errors import UsageError
+    from exumi_data.wording import counted
 
     if start is None and end is None:
         raise UsageError("from when to when?", fix="Say --start, --end or both.")
@@ -78,4 +79,5 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
         for key in one.dropped:
             print(printable(f"  derived/{key} is left out"))
     changed = sum(one.is_changed for one in done)
-    print(f"{changed} of {len(done)} episodes {'would be trimmed' if dry_run else 'trimmed'}")
+    said = counted(len(done), "episode")
+    print(f"{changed:,} of {said} {'would be trimmed' if dry_run else 'trimmed'}")

@@ -15,7 +15,7 @@ from exumi_data.stats.html.material import Material
 from exumi_data.stats.html.pictures import ContactMap
 from exumi_data.stats.html.taxels import taxels
 from exumi_data.stats.html.totals import TouchTotal
-from exumi_data.stats.html.words import counted, parts_of_episodes, percent, top
+from exumi_data.stats.html.words import among_top, counted, parts_of_episodes, percent, top
 from exumi_data.tactile import ACTIVITY_SIZE
 from exumi_data.wording import time_text
 
@@ -101,12 +101,22 @@ def _over_time(material: Material, total: TouchTotal) -> Html:
     return card(title, takeaway, chart)
 
 
+def _felt(material: Material) -> dict[str, TouchTotal]:
+    """Return the activity of each group that has touch."""
+    what = material.grouped_by
+    return {name: one for (kind, name), one in material.totals.by_group.items() if kind == what}
+
+
+def _episodes(material: Material) -> dict[str, int]:
+    """Return how many episodes each group that has touch holds."""
+    found = _felt(material)
+    return {name: n for name, n in material.groups.items() if name in found}
+
+
 def _grouped(material: Material) -> list[tuple[str, TouchTotal, bool]]:
     """Return groups with their activity: the largest by episodes, then the others as one."""
-    what = material.grouped_by
-    found = {name: one for (kind, name), one in material.totals.by_group.items() if kind == what}
-    episodes = {name: n for name, n in material.groups.items() if name in found}
-    shown, others, _ = top(episodes, _GROUPS)
+    found = _felt(material)
+    shown, others, _ = top(_episodes(material), _GROUPS)
     rows = [(name, found[name], False) for name, _ in shown]
     if others:
         rest, names = TouchTotal(), {name for name, _ in shown}
@@ -129,16 +139,11 @@ def _by_group(material: Material) -> Html:
     named = [bar for bar in bars if not bar.rest] or bars
     takeaway = (
         f"From {named[-1].note} ({named[-1].name[:40]}) to {named[0].note} ({named[0].name[:40]}) "
-        f"of the tactile frames{_largest(material)}."
+        f"of the tactile frames{among_top(_episodes(material), _GROUPS)}."
     )
     words = "; ".join(f"{bar.name[:60]} {bar.note}" for bar in bars)
     chart = bar_chart(title, f"{words}.", bars, unit="tactile frames in contact", most=1.0)
     return card(title, takeaway, chart)
-
-
-def _largest(material: Material) -> str:
-    count = sum(bool(name) for name in material.groups)
-    return f", among the {_GROUPS} with most episodes" if count > _GROUPS + 1 else ""
 
 
 def _groups_over_time(material: Material) -> Html:

@@ -5,7 +5,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from exumi_data.stats.html.markup import shortened
 from exumi_data.wording import counted
 
-__all__ = ["REGIMES", "counted", "listed", "named", "parts_of_episodes", "percent", "top"]
+__all__ = [
+    "REGIMES",
+    "among_top",
+    "counted",
+    "listed",
+    "named",
+    "parts_of_episodes",
+    "percent",
+    "top",
+]
 
 REGIMES = {"touch": "touch clip", "play": "play episode", "demonstration": "demonstration"}
 
@@ -90,3 +99,23 @@ def top(counts: Mapping[str, int], most: int) -> tuple[list[tuple[str, int]], in
         most += 1  # a row for "1 more" would take the place of that one
     rest = order[most:]
     return order[:most], len(rest), sum(count for _, count in rest)
+
+
+def among_top(episodes: Mapping[str, int], most: int) -> str:
+    """Say which of several groups `top` returns; nothing where it returns all.
+
+    Where the last of them and the first of the others are alike, the name decided.
+
+    Parameters
+    ----------
+    episodes : mapping of str to int
+        Episodes of each group.
+    most : int
+    """
+    shown, others, _ = top(episodes, most)
+    if not others:
+        return ""
+    names = {name for name, _ in shown}
+    next_one = max(n for name, n in episodes.items() if name and name not in names)
+    which = "with most episodes" if shown[-1][1] > next_one else "shown"
+    return f", among the {len(shown)} {which}"

@@ -118,7 +118,7 @@ def test_what_cannot_be_read_can_be_removed(root: Path) -> None:
     note = next(root.glob(f"episodes/*/.removed-{IDS[0]}.json")).read_text()
     assert "why" in note
     assert str(root.parent) not in note
-    assert "0 of 1 episodes" in good("remove", root, "--unreadable", "--reason", "why")
+    assert "0 of 1 episode (" in good("remove", root, "--unreadable", "--reason", "why")
 
 
 def test_what_may_be_whole_is_not_removed_as_unreadable(
@@ -157,7 +157,7 @@ def test_selected_datasets_are_not_mixed_with_others(root: Path, tmp_path: Path)
     new = tmp_path / "new"
     good("split", root, "--lists", "train=2,val=1")
     text = good("select", root, new, "--split", "default/val", "--name", "held out")
-    assert "1 episodes" in text
+    assert ": 1 episode, " in text
     found = open_dataset(new)
     assert (found.metadata.name, len(found), list(found.splits)) == ("held out", 1, ["default"])
     assert found.metadata.made_by is not None

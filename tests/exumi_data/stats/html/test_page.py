@@ -12,6 +12,7 @@ from exumi_data.dataset import Dataset
 from exumi_data.errors import UsageError
 from exumi_data.stats import Unreadable, measure
 from exumi_data.stats.html import Finding, Judgement, NotJudged, check_target, page_of, write_page
+from exumi_data.stats.html.words import among_top
 from exumi_data.stats.model import Labels
 from tests.exumi_data.stats.html.conftest import HOSTILE, write_touch
 
@@ -142,6 +143,18 @@ def test_thousands_of_names_are_summed_up(touched: Dataset) -> None:
     text = Outline(page).text
     assert "4,992 more" in text
     assert "188 more properties" in text
+
+
+@pytest.mark.parametrize(
+    ("episodes", "said"),
+    [
+        ({"a": 5, "b": 4, "c": 3, "d": 3, "": 9}, ", among the 2 with most episodes"),
+        ({"a": 5, "b": 4, "c": 4, "d": 3}, ", among the 2 shown"),
+        ({"a": 5, "b": 4, "c": 4, "": 9}, ""),
+    ],
+)
+def test_which_groups_are_shown(episodes: dict[str, int], said: str) -> None:
+    assert among_top(episodes, 2) == said
 
 
 def test_a_page_of_one_episode(touched: Dataset) -> None:
