@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 __all__ = ["CatalogWarning", "Dataset", "create_dataset", "open_dataset"]
 
 DATASET_DOCUMENT = "dataset.json"
+UNFINISHED_DOCUMENT = ".unfinished-dataset.json"
+"""Where ``dataset.json`` waits while episodes are copied into a dataset: one that was stopped is no
+dataset to any reader. See `exumi_data.destination.begin` and `exumi_data.destination.finish`."""
 
 
 class CatalogWarning(UserWarning):
@@ -249,6 +252,8 @@ def open_dataset(path: str | os.PathLike[str]) -> Dataset:
     try:
         raw = _read_document(source, DATASET_DOCUMENT)
     except FileNotFoundError:
+        if not remote and is_unfinished(Path(path)):
+            raise unfinished(path) from None
         raise NotAnEpisodeError(
             "no dataset.json: not an exUMI dataset",
             where=path,
@@ -345,6 +350,30 @@ def _is_foreign(entry: Path) -> bool:
     return entry.name != "episodes" and not entry.name.startswith(".partial-")
 
 
+def is_unfinished(root: Path) -> bool:
+    """Whether a folder is a dataset into which a run was, or is still, copying episodes.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+    """
+    return (root / UNFINISHED_DOCUMENT).is_file() and not (root / DATASET_DOCUMENT).exists()
+
+
+def unfinished(path: str | os.PathLike[str]) -> NotAnEpisodeError:
+    """Return the error for a dataset that is not finished.
+
+    Parameters
+    ----------
+    path : path-like
+    """
+    return NotAnEpisodeError(
+        "a dataset that is not finished: what was copying episodes into it was stopped, or goes on",
+        where=path,
+        fix="Run the same exumi dataset command again: it goes on where it was stopped.",
+    )
+
+
 def create_dataset(path: str | os.PathLike[str], metadata: DatasetMetadata) -> Path:
     """Make a dataset folder, or take up an existing one of the same name.
 
@@ -358,14 +387,37 @@ def create_dataset(path: str | os.PathLike[str], metadata: DatasetMetadata) -> P
     UsageError
         The folder holds something else.
     """
+    root = Path(path)
+    if not (root / DATASET_DOCUMENT).exists():
+        make_dataset(root, metadata, DATASET_DOCUMENT)
+    return root
+
+
+def make_dataset(root: Path, metadata: DatasetMetadata, document: str) -> None:
+    """Make a dataset in a new or empty folder.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+    metadata : DatasetMetadata
+    document : str
+        The name under which `metadata` is written.
+
+    Raises
+    ------
+    UsageError
+        The folder holds something else.
+    """
     import json
 
     from exumi_data.store.files import write_atomic
 
-    root = Path(path)
-    document = root / DATASET_DOCUMENT
-    if document.exists():
-        return root
+    if is_unfinished(root):
+        raise UsageError(
+            "holds a dataset that is not finished",
+            where=root,
+            fix="Run the exumi dataset command that began it again, or name another folder.",
+        )
     if root.exists() and (not root.is_dir() or any(map(_is_foreign, root.iterdir()))):
         raise UsageError(
             "exists and is no exUMI dataset",
@@ -378,6 +430,6 @@ def create_dataset(path: str | os.PathLike[str], metadata: DatasetMetadata) -> P
         )
     (root / "episodes").mkdir(parents=True, exist_ok=True)
     write_atomic(
-        document, (json.dumps(dump(metadata), indent=1, ensure_ascii=False) + "\n").encode()
+        root / document,
+        (json.dumps(dump(metadata), indent=1, ensure_ascii=False) + "\n").encode(),
     )
-    return root

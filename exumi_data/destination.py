@@ -15,15 +15,20 @@ from exumi_data.catalog import (
     rows_to_table,
     write_catalog,
 )
-from exumi_data.dataset import create_dataset
+from exumi_data.dataset import (
+    DATASET_DOCUMENT,
+    UNFINISHED_DOCUMENT,
+    create_dataset,
+    make_dataset,
+)
 from exumi_data.engine import Engine
 from exumi_data.errors import ExumiError, UsageError
 from exumi_data.model import DatasetMetadata
 from exumi_data.store.access import open_store
 from exumi_data.store.digest import digest_of
-from exumi_data.store.files import try_lock
+from exumi_data.store.files import sync_folder, try_lock
 
-__all__ = ["is_current", "only_run", "take_up", "update_catalog"]
+__all__ = ["begin", "finish", "is_current", "only_run", "suspend", "take_up", "update_catalog"]
 
 
 def take_up(path: Path, metadata: DatasetMetadata) -> Path:
@@ -45,14 +50,66 @@ def take_up(path: Path, metadata: DatasetMetadata) -> Path:
     UsageError
         The folder holds something else, or cannot be written.
     """
-    try:
+    with _told_as_usage(path):
         root = create_dataset(path, metadata)
         (root / EPISODES_FOLDER).mkdir(exist_ok=True)
+    return root
+
+
+def begin(path: Path, metadata: DatasetMetadata) -> None:
+    """Make a dataset that is none to any reader until `finish`, or take up the one that is there.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    metadata : DatasetMetadata
+        Of a new one.
+
+    Raises
+    ------
+    UsageError
+        The folder holds something else, or cannot be written.
+    """
+    with _told_as_usage(path):
+        # In this order: another run may finish meanwhile.
+        if not any((path / name).exists() for name in (UNFINISHED_DOCUMENT, DATASET_DOCUMENT)):
+            make_dataset(path, metadata, UNFINISHED_DOCUMENT)
+        (path / EPISODES_FOLDER).mkdir(exist_ok=True)
+
+
+def suspend(root: Path) -> None:
+    """Make a dataset none to any reader until `finish`.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+    """
+    if (root / DATASET_DOCUMENT).exists():
+        (root / DATASET_DOCUMENT).replace(root / UNFINISHED_DOCUMENT)
+        sync_folder(root)
+
+
+def finish(root: Path) -> None:
+    """Make what was begun or suspended a dataset to every reader.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+    """
+    if not (root / DATASET_DOCUMENT).exists():
+        (root / UNFINISHED_DOCUMENT).replace(root / DATASET_DOCUMENT)
+        sync_folder(root)
+    (root / UNFINISHED_DOCUMENT).unlink(missing_ok=True)
+
+
+@contextmanager
+def _told_as_usage(path: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise UsageError(
             f"cannot be made ({error.strerror})", where=path, fix="Name a folder you may write to."
         ) from None
-    return root
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from exumi_data.dataset import DATASET_DOCUMENT, Dataset, open_dataset
+from exumi_data.dataset import DATASET_DOCUMENT, Dataset, is_unfinished, open_dataset, unfinished
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import NotAnEpisodeError, UsageError
 from exumi_data.store.remote.address import is_url
@@ -89,6 +89,8 @@ def not_an_episode(path: str) -> NotAnEpisodeError:
     path : str
         A file or folder that is there.
     """
+    if is_unfinished(Path(path)):
+        return unfinished(path)
     what = "neither a dataset (no dataset.json) nor an episode (no zarr.json)"
     fix = "Convert other data with: exumi convert SRC DST"
     if Path(path).is_file():

@@ -223,11 +223,8 @@ def write_dataset(
         Nothing is chosen, or another dataset is there, or other revisions of the episodes.
     """
     from exumi_data.cli.output import print_json, printable, progress_of, size_text
-    from exumi_data.destination import only_run, take_up, update_catalog
-    from exumi_data.editing.copying import copy_episodes
-    from exumi_data.editing.documents import write_splits
+    from exumi_data.destination import begin, only_run
     from exumi_data.errors import UsageError
-    from exumi_data.leftovers import clean_leftovers
     from exumi_data.wording import counted
 
     if not made.chosen:
@@ -237,13 +234,11 @@ def write_dataset(
     notices = list(made.notices)
     _refuse_other_data(made, target, sources)
     if not dry_run:
-        root = take_up(target, metadata)
-        with only_run(root), progress_of("Copying", quiet=quiet) as update:
-            notices += clean_leftovers(root)
+        begin(target, metadata)
+        copying = progress_of("Copying", quiet=quiet)
+        with only_run(target), _told_if_stopped(target), copying as update:
             total = len(made.chosen)
-            rows = copy_episodes(made.chosen, root, lambda done: update(done, total, ""))
-            write_splits(root, made.splits)
-            notices += update_catalog(root, rows)
+            notices += _fill(made, target, lambda done: update(done, total, ""))
     size = sum(int(one.row["bytes"]) for one in made.chosen)
     if output is Format.JSON:
         print_json(
@@ -267,8 +262,45 @@ def write_dataset(
         print(printable(f"  {notice}"))
 
 
+def _fill(made: "Merge", root: Path, on_done: Callable[[int], None]) -> list[str]:
+    """Copy what is missing into a dataset; until all is there, it is none to any reader."""
+    from exumi_data.dataset import DATASET_DOCUMENT, UNFINISHED_DOCUMENT
+    from exumi_data.destination import finish, suspend, update_catalog
+    from exumi_data.editing.copying import copy_episodes
+    from exumi_data.editing.documents import write_splits
+    from exumi_data.leftovers import clean_leftovers
+
+    notices = clean_leftovers(root)
+    if not all((root / one.target).exists() for one in made.chosen):
+        suspend(root)
+    rows = copy_episodes(made.chosen, root, on_done)
+    finished = (root / DATASET_DOCUMENT).exists()
+    document = DATASET_DOCUMENT if finished else UNFINISHED_DOCUMENT
+    write_splits(root, made.splits, document=document)
+    notices += update_catalog(root, rows)
+    finish(root)
+    return notices
+
+
+@contextmanager
+def _told_if_stopped(target: Path) -> Iterator[None]:
+    from exumi_data.dataset import is_unfinished
+
+    try:
+        yield
+    except BaseException:
+        if is_unfinished(target):
+            warnings.warn(
+                f"{target} is not finished, and no dataset yet. Run the same command again: it "
+                "goes on where it was stopped",
+                stacklevel=3,
+            )
+        raise
+
+
 def _refuse_other_data(made: "Merge", target: Path, sources: "Sequence[Path]") -> None:
     from exumi_data.catalog import list_episodes
+    from exumi_data.dataset import is_unfinished
     from exumi_data.destination import is_current
     from exumi_data.errors import UsageError
     from exumi_data.manifest import MANIFEST_NAME
@@ -287,10 +319,13 @@ def _refuse_other_data(made: "Merge", target: Path, sources: "Sequence[Path]") -
     wanted = {one.target for one in made.chosen}
     others = [path for path in list_episodes(target) if path not in wanted]
     if others:
+        begun = is_unfinished(target)
         raise UsageError(
             f"holds {counted(len(others), 'other episode')}, the first is {others[0]}",
             where=target,
-            fix="Name a new folder, and that one among the datasets that are merged.",
+            fix="It is not finished: run the command that began it again, or name a new folder."
+            if begun
+            else "Name a new folder, and that one among the datasets that are merged.",
         )
     # A run that was stopped left the very bytes that this one would write; whatever else is there
     # was changed since, and nobody said that it may go.

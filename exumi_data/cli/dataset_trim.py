@@ -1,6 +1,8 @@
 """``exumi dataset trim``."""
 
-from typing import Annotated
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +15,9 @@ from exumi_data.cli.dataset_options import (
     WhereOption,
 )
 from exumi_data.cli.options import Format, FormatOption, QuietOption, epilog
+
+if TYPE_CHECKING:
+    from exumi_data.editing.trimming import Trim
 
 __all__ = ["EPILOG", "run"]
 
@@ -49,20 +54,20 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     from exumi_data.cli.output import print_json, printable, progress_of
     from exumi_data.editing.copying import chosen_of
     from exumi_data.editing.selection import choose
-    from exumi_data.editing.trimming import trim_episode
+    from exumi_data.editing.trimming import stretch_of, trim_episode
     from exumi_data.errors import UsageError
     from exumi_data.wording import counted
 
     if start is None and end is None:
         raise UsageError("from when to when?", fix="Say --start, --end or both.")
+    stretch_of(start, end)  # refused once, not for each episode
     with changing(dataset, dry_run=dry_run):
         source = opened(dataset)
         ids = choose(
             source, ids=episodes or (), where=where or (), split=split, everything=everything
         )
         paths = [one.path for one in chosen_of(source, ids)]
-        # All are looked at before the first one changes.
-        done = [trim_episode(path, start, end, dry_run=True) for path in paths]
+        done = _planned(paths, start, end)
         if not dry_run:
             with progress_of("Trimming", quiet=quiet) as update:
                 for number, path in enumerate(paths):
@@ -81,3 +86,24 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     changed = sum(one.is_changed for one in done)
     said = counted(len(done), "episode")
     print(f"{changed:,} of {said} {'would be trimmed' if dry_run else 'trimmed'}")
+
+
+def _planned(paths: Sequence[Path], start: float | None, end: float | None) -> "list[Trim]":
+    """Look at all before the first one changes; tell all that cannot be trimmed."""
+    from exumi_data.editing.trimming import trim_episode
+    from exumi_data.errors import ExumiError, UsageError
+
+    done, failed = [], []
+    for path in paths:
+        try:
+            done.append(trim_episode(path, start, end, dry_run=True))
+        except ExumiError as error:
+            failed.append(error)
+    if len(failed) == 1:
+        raise failed[0]
+    if failed:
+        raise UsageError(
+            "\n".join([f"{len(failed)} episodes cannot be trimmed:", *map(str, failed)]),
+            fix="Nothing was changed. Mend them, or choose the others.",
+        )
+    return done

@@ -14,7 +14,7 @@ from exumi_data.catalog import (
     rows_to_table,
     write_catalog,
 )
-from exumi_data.dataset import DATASET_DOCUMENT
+from exumi_data.dataset import DATASET_DOCUMENT, is_unfinished, unfinished
 from exumi_data.destination import is_current
 from exumi_data.engine import Engine
 from exumi_data.errors import NotAnEpisodeError
@@ -105,6 +105,8 @@ def refresh_catalog(
         ``dataset.json`` breaks the standard, or is newer.
     """
     document = root / DATASET_DOCUMENT
+    if is_unfinished(root):
+        raise unfinished(root)
     if not document.is_file():
         raise NotAnEpisodeError(
             "no dataset.json: not an exUMI dataset",

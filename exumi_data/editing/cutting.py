@@ -18,7 +18,15 @@ from exumi_data.model.streams import StreamModel, images_of
 from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.shards import ArrayReader, open_array
 
-__all__ = ["BESIDE_TIME", "Stretch", "cut_annotations", "cut_gaps", "cut_stream", "samples_in"]
+__all__ = [
+    "BESIDE_TIME",
+    "Stretch",
+    "check_known",
+    "cut_annotations",
+    "cut_gaps",
+    "cut_stream",
+    "samples_in",
+]
 
 BESIDE_TIME = ("time_host", "time_device", "sequence", "flags")
 """Arrays that any stream may have, one value a sample."""
@@ -74,7 +82,7 @@ def cut_stream(session: Episode, name: str, writer: EpisodeWriter, stretch: Stre
         An array cannot be read.
     """
     view = session[name]
-    _refuse_unknown(view, session)
+    check_known(session, name)
     first, last = samples_in(view, stretch)
     images = images_of(view.metadata)
     fields = {
@@ -162,7 +170,21 @@ def _append_files(
         )
 
 
-def _refuse_unknown(view: StreamView, session: Episode) -> None:
+def check_known(session: Episode, name: str) -> None:
+    """Check that a stream has the arrays that `cut_stream` can cut, and no others.
+
+    Parameters
+    ----------
+    session : Episode
+    name : str
+        Of the stream.
+
+    Raises
+    ------
+    UnsupportedError
+        It has not.
+    """
+    view = session[name]
     known = {"time", "data", "raw", *BESIDE_TIME, *_WHOLE}
     if view.is_image:
         known |= set(_OF_FRAMES)

@@ -13,7 +13,9 @@ from exumi_data.store.plain_files import read_plain
 __all__ = ["change_dataset", "document_bytes", "write_splits"]
 
 
-def change_dataset(root: Path, change: Callable[[DatasetMetadata], None]) -> DatasetMetadata:
+def change_dataset(
+    root: Path, change: Callable[[DatasetMetadata], None], *, document: str = DATASET_DOCUMENT
+) -> DatasetMetadata:
     """Change ``dataset.json``, if it changes.
 
     Parameters
@@ -21,13 +23,15 @@ def change_dataset(root: Path, change: Callable[[DatasetMetadata], None]) -> Dat
     root : pathlib.Path
     change : callable
         Changes the metadata in place.
+    document : str
+        Its name while the dataset is not finished.
 
     Returns
     -------
     DatasetMetadata
         After the change.
     """
-    path = root / DATASET_DOCUMENT
+    path = root / document
     metadata = parse_dataset(read_plain(path, MAX_DOCUMENT_BYTES), path)
     before = dump(metadata)
     change(metadata)
@@ -36,7 +40,9 @@ def change_dataset(root: Path, change: Callable[[DatasetMetadata], None]) -> Dat
     return metadata
 
 
-def write_splits(root: Path, splits: Mapping[str, SplitDocument]) -> None:
+def write_splits(
+    root: Path, splits: Mapping[str, SplitDocument], *, document: str = DATASET_DOCUMENT
+) -> None:
     """Write splits of a dataset, and name them in ``dataset.json``.
 
     Parameters
@@ -44,17 +50,19 @@ def write_splits(root: Path, splits: Mapping[str, SplitDocument]) -> None:
     root : pathlib.Path
     splits : mapping of str to SplitDocument
         By name. Others that are there stay.
+    document : str
+        The name of ``dataset.json`` while the dataset is not finished.
     """
-    for name, document in splits.items():
+    for name, split in splits.items():
         path = root / "splits" / f"{name}.json"
-        content = document_bytes(dump(document))
+        content = document_bytes(dump(split))
         if not path.exists() or read_plain(path, MAX_DOCUMENT_BYTES) != content:
             write_atomic(path, content)
 
     def name_them(metadata: DatasetMetadata) -> None:
         metadata.splits = [*metadata.splits, *(n for n in splits if n not in metadata.splits)]
 
-    change_dataset(root, name_them)
+    change_dataset(root, name_them, document=document)
 
 
 def document_bytes(document: Mapping[str, object]) -> bytes:

@@ -7,7 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from exumi_data.editing.cutting import Stretch, cut_annotations, cut_stream, samples_in
+from exumi_data.editing.cutting import (
+    Stretch,
+    check_known,
+    cut_annotations,
+    cut_stream,
+    samples_in,
+)
 from exumi_data.episode import Episode, open_episode
 from exumi_data.errors import UsageError
 from exumi_data.model.description import LossyStep
@@ -18,7 +24,7 @@ from exumi_data.store.episode_writer import EpisodeWriter
 from exumi_data.store.files import claim_folder
 from exumi_data.store.pack import pack
 
-__all__ = ["Trim", "trim_episode"]
+__all__ = ["Trim", "stretch_of", "trim_episode"]
 
 _SALIENT = "salient"
 _LONGEST_S = 2**63 / 1e9
@@ -81,9 +87,11 @@ def trim_episode(
         Nothing would be left, or all.
     UnsupportedError
         A stream has an array that this library cannot cut.
+    DamagedDataError
+        Something is missing or damaged. Of the samples themselves only a run that writes finds it.
     """
+    stretch = stretch_of(start_s, end_s)
     with open_episode(path) as episode:
-        stretch = _stretch(start_s, end_s)
         ranges = {name: samples_in(episode[name], stretch) for name in episode}
         kept = {name: (b - a, len(episode[name])) for name, (a, b) in ranges.items()}
         if not any(count for count, _ in kept.values()):
@@ -99,8 +107,11 @@ def trim_episode(
             tuple(name for name in episode if _is_video(episode, name)),
             tuple(key for key in derived if key not in known),
         )
-        if changes and not dry_run:
+        if changes:
             episode.check_complete()
+            for name in episode:
+                check_known(episode, name)
+        if changes and not dry_run:
             _write(path, episode, stretch, ranges, known)
     return result
 
@@ -109,7 +120,19 @@ def _is_video(episode: Episode, name: str) -> bool:
     return isinstance(images_of(episode[name].metadata), VideoImages)
 
 
-def _stretch(start_s: float | None, end_s: float | None) -> Stretch:
+def stretch_of(start_s: float | None, end_s: float | None) -> Stretch:
+    """Return the stretch of time from one moment up to another.
+
+    Parameters
+    ----------
+    start_s, end_s : float or None
+        Seconds of the episode's time; None: from the first sample, or to the last.
+
+    Raises
+    ------
+    UsageError
+        There is none.
+    """
     ends = np.iinfo(np.int64)
     for moment in (start_s, end_s):
         if moment is not None and not abs(moment) < _LONGEST_S:

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 
 from exumi_data.episode import StreamView
-from exumi_data.errors import DamagedDataError, LimitError
+from exumi_data.errors import DamagedDataError, LimitError, UnsupportedError
 from exumi_data.tactile.images import UInt8Array
 from exumi_data.view.log import EVENTS_SHOWN, Event, Log
 from exumi_data.view.looks import Look, Picture, look_of
@@ -124,7 +124,7 @@ def _each(
             read = look.read(index)
             grey = None if on_grey is None else read.grey()
             picture = read
-        except (DamagedDataError, LimitError) as error:
+        except (DamagedDataError, LimitError, UnsupportedError) as error:
             log.fault(stream.name, error, frame=True)
             if len(events) <= EVENTS_SHOWN:
                 text = f"{stream.name}: frame {index} is missing: {error.reason}"

@@ -6,11 +6,12 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import rerun as rr
 import rerun_bindings
 
 from exumi_data.episode import Episode, StreamView
-from exumi_data.errors import DamagedDataError, LimitError, MetadataError
+from exumi_data.errors import DamagedDataError, LimitError, MetadataError, UnsupportedError
 from exumi_data.view.about import log_about
 from exumi_data.view.curves import log_audio, log_numbers, log_width, log_wrench
 from exumi_data.view.events import log_episode_events, stream_events
@@ -120,15 +121,23 @@ def _log_episode(log: Log, episode: Episode, options: ViewOptions) -> None:
     for stream in streams:
         events: list[Event] = []
         try:
+            _check_time(stream)
             events += _log_stream(log, episode, stream, options)
             log.samples[stream.name] = len(stream)
             events += stream_events(stream)
-        except (DamagedDataError, LimitError, MetadataError) as error:
+        except (DamagedDataError, LimitError, MetadataError, UnsupportedError) as error:
             log.fault(stream.name, error)
             events.append(Event(0, f"{stream.name} cannot be read: {error.reason}", "ERROR"))
         log.events(stream.name, events)
     _log_openings(log, episode, streams)
     log_episode_events(log, episode)
+
+
+def _check_time(stream: StreamView) -> None:
+    """Refuse times that go backwards: Rerun would put them in order, and nobody would see it."""
+    wrong = np.flatnonzero(stream.time[1:] <= stream.time[:-1])
+    if len(wrong):
+        raise DamagedDataError(f"`time` does not increase strictly, at sample {wrong[0] + 1}")
 
 
 def _log_stream(

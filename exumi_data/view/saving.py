@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from exumi_data.dataset import Dataset
 from exumi_data.episode import Episode
-from exumi_data.errors import DamagedDataError, ExumiError, UsageError
+from exumi_data.errors import DamagedDataError, ExumiError, LimitError, UnsupportedError, UsageError
 from exumi_data.store.files import atomic_file
 from exumi_data.view.names import ViewOptions
 from exumi_data.view.report import EpisodeView, Unreadable, ViewReport
@@ -149,7 +149,7 @@ def _samples(shown: Episode | Dataset, options: ViewOptions) -> int:
 def _length(episode: Episode, name: str) -> int:
     try:
         return len(episode[name])
-    except DamagedDataError:
+    except (DamagedDataError, LimitError, UnsupportedError):
         return 0  # it is reported when it is read
 
 

@@ -9,10 +9,13 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from exumi_data.cli.app import app
-from exumi_data.dataset import open_dataset
+from exumi_data.dataset import create_dataset, open_dataset
+from exumi_data.editing import copying
 from exumi_data.editing.documents import change_dataset
+from exumi_data.errors import NotAnEpisodeError, UsageError
 from exumi_data.manifest import write_manifest
 from exumi_data.model.dataset import DatasetMetadata, Release
+from exumi_data.store.stream_copy import copy_file
 from exumi_validators import validate
 from tests.exumi_data.builders import episode_id, write_dataset
 
@@ -285,6 +288,113 @@ def test_what_was_changed_since_is_not_written_over(
     assert refused.exit_code == 2
     assert "holds 1 of these episodes as they are not here" in refused.stderr
     assert state_of(tmp_path) == before
+
+
+def stopped_after(
+    monkeypatch: pytest.MonkeyPatch, episodes: int, verb: str, *arguments: object
+) -> Result:
+    """Run a verb, and press Ctrl-C while the next episode is copied."""
+    seen: set[Path] = set()
+
+    def copy(store: object, member: str, target: Path) -> None:
+        seen.add(next(one for one in target.parents if one.name.startswith(".partial-")))
+        if len(seen) > episodes:
+            raise KeyboardInterrupt
+        copy_file(store, member, target)  # type: ignore[arg-type]  # passed on
+
+    with monkeypatch.context() as patch:
+        patch.setattr(copying, "copy_file", copy)
+        done = run(verb, *arguments)
+    assert done.exit_code == 130
+    assert "is not finished, and no dataset yet. Run the same command again" in done.stderr
+    return done
+
+
+@pytest.mark.parametrize("verb", ["select", "merge"])
+@pytest.mark.parametrize("there", [False, True])
+def test_what_was_stopped_is_no_dataset_until_the_same_command_ends(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: str, there: bool
+) -> None:
+    good("split", root)
+    other = write_dataset(tmp_path / "other")
+    asked = {"select": [root, "NEW", "--all"], "merge": [root, other, "--out", "NEW"]}[verb]
+
+    def of(new: Path) -> list[object]:
+        return [new if one == "NEW" else one for one in asked]
+
+    good(verb, *of(tmp_path / "whole"))
+    new = tmp_path / "new"
+    if there:
+        new.mkdir()
+    stopped_after(monkeypatch, 2, verb, *of(new))
+    copied = sorted(new.glob("episodes/*/*.zarr"))
+    assert len(copied) == 2
+    with pytest.raises(NotAnEpisodeError, match="not finished: what was copying"):
+        open_dataset(new)
+    for other_verb in (["validate"], ["stats"], ["info"], ["release", "--dry-run"], ["index"]):
+        judged = CliRunner().invoke(app, [*other_verb, str(new)])
+        assert judged.exit_code in (1, 2), other_verb
+    with pytest.raises(UsageError, match="holds a dataset that is not finished"):
+        create_dataset(new, open_dataset(root).metadata)
+    different = run("select", root, new, "--episode", copied[0].stem)
+    assert "It is not finished: run the command that began it again" in different.stderr
+    inodes = [one.stat().st_ino for one in copied]
+    good(verb, *of(new))
+    assert [one.stat().st_ino for one in copied] == inodes
+    assert state_of(new) == state_of(tmp_path / "whole")
+
+
+def test_a_dataset_to_which_episodes_are_added_is_none_while_it_is_stopped(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    new = tmp_path / "new"
+    good("select", root, new, "--episode", IDS[0], "--name", "mine")
+    good("split", new, "--name", "own")
+    stopped_after(monkeypatch, 1, "select", root, new, "--all")
+    with pytest.raises(NotAnEpisodeError, match="not finished"):
+        open_dataset(new)
+    good("select", root, new, "--all")
+    done = open_dataset(new)
+    assert (done.metadata.name, done.metadata.splits, len(done)) == ("mine", ["own"], 3)
+
+
+def test_a_dataset_without_its_catalog_is_not_finished(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good("split", root)
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("exumi_data.destination.write_catalog", stop)
+        assert run("select", root, tmp_path / "new", "--all").exit_code == 130
+    with pytest.raises(NotAnEpisodeError, match="not finished"):
+        open_dataset(tmp_path / "new")
+    good("select", root, tmp_path / "new", "--all")
+    assert list(open_dataset(tmp_path / "new").splits) == ["default"]
+
+
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)])
+def test_what_cannot_be_trimmed_is_told_of_all_before_any_is(
+    root: Path, dry: tuple[str, ...]
+) -> None:
+    first, second, third = (next(root.glob(f"episodes/*/{one}.zarr")) for one in IDS)
+    shard = next(one for one in (third / "streams/tactile/data/c").rglob("*") if one.is_file())
+    shard.write_bytes(shard.read_bytes()[:-5])
+    before = state_of(root)
+    refused = run("trim", root, "--all", "--end", "0.2", *dry)
+    assert refused.exit_code == 2
+    assert IDS[2] in refused.stderr
+    assert state_of(root) == before
+    (second / "streams/width/data/zarr.json").unlink()
+    before = state_of(root)
+    refused = run("trim", root, "--all", "--end", "0.2", *dry)
+    assert "2 episodes cannot be trimmed" in refused.stderr
+    assert "".join(refused.stderr.split()).count(".zarr") >= 2
+    assert [one for one in IDS if one in "".join(refused.stderr.split())] == IDS[1:]
+    assert state_of(root) == before
+    good("trim", root, first.stem, "--end", "0.2", *dry)
 
 
 def test_licences_and_labels_as_they_are_written_down(root: Path) -> None:

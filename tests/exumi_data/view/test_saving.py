@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import shutil
 import sys
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from exumi_data.model import Annotations, CalibrationItem, Gap
 from exumi_data.model.description import Segment
 from exumi_data.store import jpeg
 from exumi_data.store.episode_writer import EpisodeWriter
+from exumi_data.store.shards import ArrayWriter
 from exumi_data.tactile import ActivityMeter, representation, to_grey
 from exumi_data.time import parse_utc
 from exumi_data.view.names import ViewOptions
@@ -27,6 +29,7 @@ from tests.exumi_data.builders import (
     FRAMES,
     HEIGHT,
     WIDTH,
+    edit_json,
     edit_metadata,
     encoded_images,
     jpegs,
@@ -370,6 +373,39 @@ def test_a_broken_stream_does_not_take_the_others_with_it(tmp_path: Path) -> Non
     (shown,) = read_view(tmp_path / "one.rrd").values()
     assert "/width/width" in shown.entities
     assert "cannot be read" in shown.column("/events/pose", "TextLog:text").values[0][0]
+
+
+@pytest.mark.parametrize("array", ["pose/data", "pose/time", "tactile/data", "tactile/reference"])
+@pytest.mark.parametrize("change", [{"data_type": "string"}, {"shape": [1, 2, 3]}])
+def test_an_array_of_another_layout_does_not_take_the_others_with_it(
+    tmp_path: Path, array: str, change: dict[str, object]
+) -> None:
+    path = write_episode(tmp_path / "one.zarr")
+    edit_json(path / "streams" / array / "zarr.json", lambda document: document.update(change))
+    with open_episode(path) as episode:
+        report = save_view(episode, tmp_path / "one.rrd")
+    (shown,) = report.episodes
+    assert [fault.stream for fault in shown.faults] == [array.partition("/")[0]]
+    assert "width" in shown.samples
+
+
+def test_times_that_go_backwards_are_reported(tmp_path: Path) -> None:
+    path = write_episode(tmp_path / "one.zarr")
+    folder = path / "streams/width/time"
+    shutil.rmtree(folder)
+    time = times()
+    writer = ArrayWriter(folder, time.dtype, (), chunk_rows=8, zstd=False)
+    writer.append(time[[0, 1, 3, 2, 4]])
+    writer.finish()
+    with open_episode(path) as episode:
+        report = save_view(episode, tmp_path / "one.rrd")
+    (fault,) = report.episodes[0].faults
+    assert report.is_damaged
+    assert (fault.stream, fault.reason) == (
+        "width",
+        "`time` does not increase strictly, at sample 3",
+    )
+    assert "width" not in report.episodes[0].samples
 
 
 def test_an_episode_that_cannot_be_opened_is_reported(tmp_path: Path) -> None:
