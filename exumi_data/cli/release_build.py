@@ -167,7 +167,10 @@ def run(  # noqa: PLR0913, PLR0917  # options of the command line
     from exumi_data.cli.release_push import tell_pushed
     from exumi_data.release.building import build_release
     from exumi_data.release.planning import Wishes, plan_release
+    from exumi_data.release.pushing import check_repository
 
+    if push is not None:
+        check_repository(push)  # before hours of packing
     wishes = Wishes(
         licence=licence if licence is not None else _asked(source),
         licence_file=licence_file,

@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -12,6 +12,7 @@ from exumi_data.model.episode import UNKNOWN_LICENCE
 from exumi_data.release.card_header import header_of
 from exumi_data.release.citation import Edition, bibtex_of, edition_of
 from exumi_data.release.facts import Facts, facts_of
+from exumi_data.release.licence import NO_LICENCE
 from exumi_data.release.limits import known_limits
 from exumi_data.release.markdown import (
     amount,
@@ -38,6 +39,8 @@ _ALT = {
     "signals.png": "Signals of one episode over time",
 }
 _MOST_THINGS = 20
+_MOST_WORDS = 6
+_LONGEST_WORD = 50
 _LONGEST_PARAGRAPH = 5000
 
 
@@ -322,12 +325,23 @@ def _labels(numbers: Statistics, facts: Facts) -> list[str]:
     for label, count in sorted(facts.labels.items(), key=lambda item: (item[0].property, -item[1])):
         values = measured[label.property]
         scale = "{:g} to {:g}".format(*label.scale) if label.scale else ""
-        told = _range(values.numbers, "") if values.numbers else ", ".join(list(values.words)[:6])
+        told = _range(values.numbers, "") if values.numbers else _most_frequent(values.words)
         by = "people" if label.provenance == "human" else "a model"
         raters = f"{label.raters}" if label.raters else ""
         rows.append((label.property, told, scale, by, raters, label.origin, f"{count:,}"))
-    head = ("Property", "Values", "Scale", "By", "Raters:", "Taken from", "Episodes:")
+    told_so = "Values (of numbers: median, and lowest to highest)"
+    head = ("Property", told_so, "Scale", "By", "Raters:", "Taken from", "Episodes:")
     return _section("Labels", table(head, rows))
+
+
+def _most_frequent(words: Mapping[str, int]) -> str:
+    """Name the first of words that are in order of their number, and count the others."""
+    shown = [
+        word if len(word) <= _LONGEST_WORD else f"{word[: _LONGEST_WORD - 1]}…"
+        for word in list(words)[:_MOST_WORDS]
+    ]
+    more = len(words) - len(shown)
+    return ", ".join(shown) + (f", and {more:,} more" if more else "")
 
 
 def _licence(dataset: Dataset, facts: Facts) -> list[str]:
@@ -336,9 +350,20 @@ def _licence(dataset: Dataset, facts: Facts) -> list[str]:
         lines = ["It is not known under which licence the dataset may be used.", ""]
     else:
         lines = [f"`{licence.replace('`', '')}` (SPDX).", ""]
-    others = {name: count for name, count in facts.licences.items() if name != licence}
+    others = Counter({name: n for name, n in facts.licences.items() if name != licence})
+    for word in NO_LICENCE:
+        if word in others:
+            lines += [
+                f"`{word}` is no licence, and {others.pop(word):,} of {len(dataset):,} episodes "
+                "say it: nobody may use these.",
+                "",
+            ]
     if others:
-        lines += ["Some episodes have a licence of their own, which holds for them:", ""]
+        lines += [
+            "Episodes with a licence of their own, which holds for them: "
+            f"{others.total():,} of {len(dataset):,}.",
+            "",
+        ]
         lines += table(("Licence", "Episodes:"), others.items())
     return _section("Licence", lines)
 

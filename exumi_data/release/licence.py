@@ -9,10 +9,13 @@ from exumi_data.errors import DamagedDataError, LimitError, UsageError
 from exumi_data.model.episode import UNKNOWN_LICENCE
 from exumi_data.store.plain_files import read_plain
 
-__all__ = ["LICENCE_NAME", "canonical_licence", "find_licence_text", "stated_licence"]
+__all__ = ["LICENCE_NAME", "NO_LICENCE", "canonical_licence", "find_licence_text", "stated_licence"]
 
 LICENCE_NAME = "LICENSE"
 """The name that everybody looks for."""
+
+NO_LICENCE = (UNKNOWN_LICENCE, "NONE")
+"""SPDX's words for data that nobody may use: it is not known under which licence, or under none."""
 
 _NAMES = ("LICENSE", "LICENCE", "LICENSE.txt", "LICENCE.txt", "LICENSE.md", "LICENCE.md")
 _MAX_BYTES = 1 << 20
@@ -49,7 +52,7 @@ def canonical_licence(text: str) -> str:
     UsageError
         It is none, or the licence is not known.
     """
-    if text.strip().upper() in (UNKNOWN_LICENCE, "NONE", ""):
+    if text.strip().upper() in (*NO_LICENCE, ""):
         raise UsageError(
             f"the licence is {text.strip() or 'empty'}: nobody may use what is published so",
             fix="Ask who owns the data, and say --licence, such as CC-BY-4.0.",
@@ -78,7 +81,7 @@ def stated_licence(text: str) -> str:
         It is no SPDX licence expression.
     """
     word = text.strip().upper()
-    return word if word in (UNKNOWN_LICENCE, "NONE") else canonical_licence(text)
+    return word if word in NO_LICENCE else canonical_licence(text)
 
 
 def find_licence_text(source: Path, file: Path | None, expression: str) -> bytes:

@@ -1,5 +1,6 @@
 """What a release will be, decided before anything is written; all that forbids it, at once."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from exumi_data.dataset import open_dataset
 from exumi_data.editing.copying import Chosen, chosen_of
-from exumi_data.errors import ExumiError, UsageError
+from exumi_data.errors import DamagedDataError, ExumiError, UsageError
 from exumi_data.manifest import check_listable
 from exumi_data.model.dataset import DatasetMetadata, Release, SplitDocument
 from exumi_data.model.documents import MAX_DOCUMENT_BYTES
@@ -15,7 +16,8 @@ from exumi_data.release.changelog import CHANGELOG_NAME
 from exumi_data.release.changes import Changes, compare
 from exumi_data.release.citation import Edition
 from exumi_data.release.judging import Judge, Judgement
-from exumi_data.release.licence import canonical_licence, find_licence_text
+from exumi_data.release.licence import NO_LICENCE, canonical_licence, find_licence_text
+from exumi_data.release.markdown import amount
 from exumi_data.release.preview import choose_preview
 from exumi_data.release.privacy import (
     PrivateItem,
@@ -27,6 +29,7 @@ from exumi_data.release.privacy import (
     people_of,
     unresolved,
 )
+from exumi_data.release.verifying import verify_release
 from exumi_data.release.versions import AUTO, decide_version
 from exumi_data.splits import Level, leaks_of, make_split
 from exumi_data.store.plain_files import read_plain
@@ -69,7 +72,7 @@ class Wishes:
     version : str
         ``major.minor.patch``, or ``auto``.
     previous : pathlib.Path or None
-        The release before it.
+        The release before it, which has to be as it was released.
     split : SplitWish or None
         A split to be made; None: those that there are.
     preview_bytes : int
@@ -198,12 +201,9 @@ def plan_release(
     metadata = dataset.metadata.model_copy(deep=True)
     licence = tried(lambda: canonical_licence(wishes.licence or metadata.licence), None)
     metadata.licence = licence or metadata.licence
-    text = b""
-    if licence is not None:
-        text = tried(lambda: find_licence_text(source, wishes.licence_file, licence), b"")
-        notices += _other_licences(dataset, licence)
-    elif wishes.licence_file is not None and not wishes.licence_file.is_file():
-        problems.append(f"{wishes.licence_file}: no such file")
+    text = tried(lambda: _licence_text(source, wishes, licence), b"")
+    problems += _unlicensed(dataset, licence)
+    notices += _other_licences(dataset, licence)
     private = tried(lambda: find_private(source, workers=workers), [])
     problems += tried(lambda: _undecided(private, wishes), [])
     removal = tried(lambda: _removal(source, private, wishes, workers), None)
@@ -221,11 +221,12 @@ def plan_release(
     before, version, changes = None, wishes.version, None
     if wishes.previous is not None:
         previous = wishes.previous
-        before = tried(lambda: _version_of(previous), None)
-        changes = tried(
-            lambda: _changes(previous, dataset, splits, metadata, removal, workers), None
-        )
-    if wishes.previous is None or changes is not None:
+        before = tried(lambda: _version_of(previous, workers), None)
+        if before is not None:
+            changes = tried(
+                lambda: _changes(previous, dataset, splits, metadata, removal, workers), None
+            )
+    if before is None or changes is not None:
         step = changes.step if changes is not None else None
         version = tried(lambda: decide_version(wishes.version, before, step), None)
         if version is not None:
@@ -350,16 +351,45 @@ def _removal(
     return replace(removal, names=people_of(source, workers=workers))
 
 
-def _other_licences(dataset: "Dataset", licence: str) -> list[str]:
-    found: dict[str, int] = {}
-    for one in dataset.catalog.column("licence").to_pylist():
-        if one != licence:
-            found[one] = found.get(one, 0) + 1
+def _licence_text(source: Path, wishes: Wishes, licence: str | None) -> bytes:
+    """Return the text of the licence; where that is not known, look for the file at least."""
+    file = wishes.licence_file
+    if licence is not None:
+        return find_licence_text(source, file, licence)
+    if file is not None and not file.is_file():
+        raise UsageError("no such file", where=file)
+    return b""
+
+
+def _unlicensed(dataset: "Dataset", licence: str | None) -> list[str]:
+    """Say which episodes nobody may use: they keep what they say, whatever the release says."""
     return [
-        f"{count} episodes say {one} themselves, and keep it; to change that: exumi dataset "
-        f"relabel {dataset.path} --where licence={one} --licence '{licence}'"
-        for one, count in sorted(found.items())
+        f"{count:,} of {len(dataset):,} episodes say {one}, which is no licence: nobody may use "
+        f"what is published so. Ask who owns them, and say it: {_relabel(dataset, one, licence)}"
+        for one, count in _said_licences(dataset)
+        if one in NO_LICENCE
     ]
+
+
+def _other_licences(dataset: "Dataset", licence: str | None) -> list[str]:
+    if licence is None:
+        return []
+    return [
+        f"{count} episodes say {one} themselves, and keep it; to change that: "
+        f"{_relabel(dataset, one, licence)}"
+        for one, count in _said_licences(dataset)
+        if one not in (licence, *NO_LICENCE)
+    ]
+
+
+def _said_licences(dataset: "Dataset") -> list[tuple[str, int]]:
+    """Return what the episodes say themselves, and how many say it."""
+    return sorted(Counter(map(str, dataset.catalog.column("licence").to_pylist())).items())
+
+
+def _relabel(dataset: "Dataset", one: str, licence: str | None) -> str:
+    chosen = "SPDX" if licence is None else f"'{licence}'"
+    return f"exumi dataset relabel {dataset.path} --where licence={one} --licence {chosen}"
 
 
 def _splits(dataset: "Dataset", wish: SplitWish | None) -> dict[str, SplitDocument]:
@@ -382,15 +412,27 @@ def _keys(dataset: "Dataset") -> dict[str, dict[str, Any]]:
     return {str(row["id"]): row for row in rows}
 
 
-def _version_of(previous: Path) -> str:
-    release = open_dataset(previous).metadata.release
-    if release is None:
+def _version_of(previous: Path, workers: int | None) -> str:
+    """Return the version of the release before, which has to be as it was released.
+
+    What is damaged there, or gone, would pass for a change.
+    """
+    found = verify_release(previous, workers=workers)
+    if not found.good:
+        first = found.findings[0]
+        raise DamagedDataError(
+            f"is not as it was released: {amount(len(found.findings), 'finding')}, the first: "
+            f"{first.path} {first.message}",
+            where=previous,
+            fix=f"See exumi release verify {previous}",
+        )
+    if found.version is None:
         raise UsageError(
             "is no release: its dataset.json states no version",
             where=previous,
             fix="Name the folder that exumi release wrote.",
         )
-    return release.version
+    return found.version
 
 
 def _changes(

@@ -25,7 +25,7 @@ from exumi_data.store.plain_files import read_plain
 if TYPE_CHECKING:
     from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi
 
-__all__ = ["Pushed", "push_release"]
+__all__ = ["Pushed", "check_repository", "push_release"]
 
 _KIND = "dataset"
 _BATCH_FILES = 64
@@ -107,14 +107,14 @@ def push_release(
     DamagedDataError
         It is not as it was released, or not valid: nothing was sent.
     UsageError
-        It states no version; or another release of this version, a later one, or another dataset
-        is published there.
+        `repository` is no name of one. The release states no version; or another release of this
+        version, a later one, or another dataset is published there.
     MissingExtraError
         ``huggingface_hub`` is not installed.
     ExumiError
         The server refuses, or cannot be reached.
     """
-    _require_hub()
+    check_repository(repository)
     version = _checked(root, judge, workers, on_progress)
     with _quiet_hub(), _reported(repository):
         from huggingface_hub import HfApi
@@ -122,6 +122,39 @@ def push_release(
         api = HfApi(endpoint=endpoint, library_name="exumi-data", library_version=__version__)
         url = api.create_repo(repository, repo_type=_KIND, private=not public, exist_ok=True)
         return _publish(api, root, repository, str(url), f"v{version}", on_progress)
+
+
+def check_repository(repository: str) -> None:
+    """Check that a name is one that a repository may have, without asking a server.
+
+    Parameters
+    ----------
+    repository : str
+        ``owner/name``.
+
+    Raises
+    ------
+    UsageError
+        It is none.
+    MissingExtraError
+        ``huggingface_hub`` is not installed.
+    """
+    _require_hub()
+    from huggingface_hub.errors import HFValidationError
+    from huggingface_hub.utils import validate_repo_id  # type: ignore[attr-defined]  # documented so
+
+    # The library also takes a name without an owner, and means the account's own.
+    good = repository.count("/") == 1
+    try:
+        validate_repo_id(repository)
+    except HFValidationError:
+        good = False
+    if not good:
+        raise UsageError(
+            f"{repository!r} is no name of a repository",
+            fix="Say owner/name, such as our-lab/my-dataset, of letters, digits, -, _ and . alone; "
+            "neither begins or ends with - or ., has -- or .. in it, or ends with .git.",
+        )
 
 
 def _checked(

@@ -114,6 +114,13 @@ def _people_of_episode(path: str, *, root: str) -> dict[str, Kind]:
     store = open_store(f"{root}/{path}")
     try:
         return people_named(load_json(store.read(_EPISODE_DOCUMENT), f"{root}/{path}"))
+    except FileNotFoundError:
+        raise NotAnEpisodeError(
+            "no zarr.json: not an exUMI Episode, or one that was never finished",
+            where=f"{root}/{path}",
+            fix=f"Take out what cannot be read with: exumi dataset remove {root} --unreadable "
+            "--reason WHY",
+        ) from None
     finally:
         store.close()
 

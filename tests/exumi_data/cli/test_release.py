@@ -85,6 +85,19 @@ def test_invalid_data(root: Path, tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*v1*"))
 
 
+def test_an_episode_without_its_document_hides_no_other_reason(root: Path, tmp_path: Path) -> None:
+    episode = next(root.glob("episodes/*/*.zarr"))
+    (episode / "zarr.json").unlink()
+    done = run(root, tmp_path / "v1", "--version", "1", "--format", "json")
+    assert done.exit_code == 1
+    document = json.loads(done.stdout)
+    assert any("ROOT-001" in error for error in document["errors"])
+    told = "\n".join(document["problems"])
+    assert f"{episode}: no zarr.json" in told
+    assert f"exumi dataset remove {root} --unreadable" in told
+    assert "'1' is no version" in told
+
+
 def test_broken_rules_are_listed(root: Path, tmp_path: Path) -> None:
     (root / "splits").mkdir()
     (root / "splits" / "stray.json").write_text("{}")
@@ -154,3 +167,10 @@ def test_push_refuses_what_is_damaged(root: Path, tmp_path: Path) -> None:
     done = run("push", tmp_path / "v1", "our-lab/set")
     assert done.exit_code == 2
     assert "is not as it was released: LICENSE has another size" in done.stderr
+
+
+def test_a_name_that_no_repository_has_is_found_before_the_work(root: Path, tmp_path: Path) -> None:
+    done = run(root, tmp_path / "v1", "--push", "our lab/set")
+    assert done.exit_code == 2
+    assert "'our lab/set' is no name of a repository" in done.stderr
+    assert not (tmp_path / "v1").exists()

@@ -1,13 +1,16 @@
 import errno
 import json
 import os
+import shlex
 import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from exumi_data.catalog import build_catalog, episode_path, write_catalog
+from exumi_data.cli.app import app
 from exumi_data.cli.release_judge import judge_with
 from exumi_data.dataset import open_dataset
 from exumi_data.editing.documents import write_splits
@@ -21,7 +24,7 @@ from exumi_data.release.planning import SplitWish
 from exumi_data.release.verifying import verify_release
 from exumi_data.store.pack import pack
 from exumi_validators import validate
-from tests.exumi_data.builders import episode_id, write_dataset, write_small
+from tests.exumi_data.builders import edit_metadata, episode_id, write_dataset, write_small
 from tests.exumi_data.release.making import Release, planned, tree
 
 
@@ -162,6 +165,31 @@ def test_versions_follow_the_changes(source: Path, tmp_path: Path, release: Rele
     assert any("is no release" in problem for problem in plan.problems)
 
 
+@pytest.mark.parametrize("damage", ["bit", "episode", "manifest"])
+def test_damage_of_the_release_before_passes_for_no_change(
+    source: Path, tmp_path: Path, release: Release, damage: str
+) -> None:
+    release(source, tmp_path / "v1")
+    episode = min((tmp_path / "v1").glob("episodes/*/*.zip"))
+    if damage == "bit":
+        content = bytearray(episode.read_bytes())
+        content[len(content) // 2] ^= 1
+        episode.write_bytes(content)
+        told = "is not as it was released: 1 finding, the first: "
+        told += f"{episode.relative_to(tmp_path / 'v1').as_posix()} has other bytes"
+    elif damage == "episode":
+        episode.unlink()
+        told = f"/{episode.name} is missing. See exumi release verify {tmp_path / 'v1'}"
+    else:
+        (tmp_path / "v1" / "manifest.json").unlink()
+        told = "has no manifest.json"
+    plan = planned(source, tmp_path / "v2", previous=tmp_path / "v1", version="1")
+    assert told in plan.problems[0]
+    assert plan.changes is None
+    # The other reasons are listed as well.
+    assert "'1' is no version" in plan.problems[1]
+
+
 def test_bytes_that_the_catalog_does_not_know(source: Path, tmp_path: Path) -> None:
     """A flipped bit in a table of numbers may still be valid; the digest tells."""
     shard = next((source / episode_path(episode_id(1))).glob("streams/width/data/c/0"))
@@ -243,3 +271,26 @@ def test_a_full_disk_is_said_once(
     assert told.value.errno == errno.ENOSPC
     build_release(planned(source, tmp_path / "out"), judge_with(1), workers=1)
     assert verify_release(tmp_path / "out").good
+
+
+@pytest.mark.parametrize("word", ["NOASSERTION", "NONE"])
+def test_episodes_that_nobody_may_use_are_not_released(
+    source: Path, tmp_path: Path, release: Release, word: str
+) -> None:
+    """The release's own licence does not make theirs."""
+    for number in (0, 2):
+        folder = source / episode_path(episode_id(number))
+        edit_metadata(folder, lambda said: said.update(licence=word))
+    write_catalog(source, build_catalog(source)[0])
+    plan = planned(source, tmp_path / "a")
+    (problem,) = plan.problems
+    assert problem.startswith(f"2 of 3 episodes say {word}, which is no licence")
+    command = problem[problem.index("exumi dataset") :]
+    assert not any(word in notice for notice in plan.notices)
+    # So, too, where it is not known either under which licence the whole is released.
+    assert "--licence SPDX" in planned(source, tmp_path / "a", licence=word).problems[1]
+    done = CliRunner().invoke(app, shlex.split(command)[1:])
+    assert done.exit_code == 0, done.output
+    release(source, tmp_path / "a")
+    licences = {one.metadata.licence for one in open_dataset(tmp_path / "a")}
+    assert licences == {"LicenseRef-tests", "CC0-1.0"}

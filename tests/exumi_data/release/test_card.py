@@ -26,7 +26,7 @@ from exumi_data.release.card import Card, card_of
 from exumi_data.release.card_header import hub_licence
 from exumi_data.release.citation import Edition
 from exumi_data.release.markdown import bytes_text, code_block, duration, plain
-from tests.exumi_data.builders import episode_id, write_dataset, write_episode
+from tests.exumi_data.builders import episode_id, write_dataset, write_episode, write_small
 
 EVIL = "a|b <script>alert(1)</script> `x` *y* ![z](javascript:1) # head"
 
@@ -102,6 +102,7 @@ def test_what_it_says(card: Card) -> None:
     assert "| dropped | 1 |" in quality
     assert "The task was done: no 1, yes 1." in quality
     assert "| MIT | 1 |" in section(card.text, "Licence")
+    assert "own, which holds for them: 3 of 3." in section(card.text, "Licence")
     assert "author = {A. Person}" in section(card.text, "Citation")
     assert "| encoder | made up | 3 |" in section(card.text, "Sensors and calibration")
     assert "Simulated, and measured by no sensor: 2 episodes" in section(card.text, "Known limits")
@@ -171,6 +172,40 @@ def test_small_and_empty_datasets(tmp_path: Path) -> None:
     card = card_of(empty)
     assert card.pictures == {}
     assert "It is not known under which licence" in card.text
+
+
+def test_values_of_labels(tmp_path: Path) -> None:
+    """The most frequent words first, the others counted; of numbers it is said what they are."""
+    root = tmp_path / "set"
+    create_dataset(root, DatasetMetadata(name="set", licence="CC-BY-4.0"))
+    words = (["zigzag", *"abcdef"], ["zigzag", "x" * 500])
+    for number, (value, felt) in enumerate(zip((0.5, 7.5), words, strict=True)):
+        path = root / episode_path(episode_id(number))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        labels = [
+            Label(property="hardness", value=value, provenance="human"),
+            Label(property="touch", value=felt, provenance="human"),
+        ]
+        write_small(path, number, annotations=Annotations(labels=labels))
+    write_catalog(root, build_catalog(root)[0])
+    said = section(card_of(root).text, "Labels")
+    assert "| Values (of numbers: median, and lowest to highest) |" in said
+    assert "| 4 (0.5 to 7.5) |" in said
+    assert "| zigzag, a, b, c, d, e, and 2 more |" in said
+
+
+def test_episodes_that_say_that_they_have_no_licence(tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    create_dataset(root, DatasetMetadata(name="set", licence="CC-BY-4.0"))
+    for number, licence in enumerate(("NOASSERTION", "NOASSERTION", "MIT")):
+        path = root / episode_path(episode_id(number))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_small(path, number, licence=licence)
+    write_catalog(root, build_catalog(root)[0])
+    said = section(card_of(root).text, "Licence")
+    assert "`NOASSERTION` is no licence, and 2 of 3 episodes say it" in said
+    assert "| NOASSERTION |" not in said
+    assert "own, which holds for them: 1 of 3." in said
 
 
 @pytest.mark.parametrize(

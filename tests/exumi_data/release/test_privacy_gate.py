@@ -8,6 +8,7 @@ from exumi_data.catalog import build_catalog, episode_path, write_catalog
 from exumi_data.cli.release_judge import judge_with
 from exumi_data.dataset import open_dataset
 from exumi_data.editing.documents import change_dataset
+from exumi_data.manifest import write_manifest
 from exumi_data.model.dataset import DatasetMetadata
 from exumi_data.release.building import build_release
 from exumi_data.release.privacy import find_private
@@ -169,6 +170,7 @@ def test_a_changelog_does_not_tell_who_was_taken_out(
     release(named, tmp_path / "one", keep=("operator", "email"))
     old = tmp_path / "one" / "CHANGELOG.md"
     old.write_text(old.read_text() + "\nThanks to Ada Lovelace.\n")
+    write_manifest(tmp_path / "one")
     said("as Ada Lovelace did")
     release(
         named, tmp_path / "two", keep=("email",), remove=("operator",), previous=tmp_path / "one"

@@ -154,6 +154,18 @@ def test_damaged_and_invalid_data_are_never_sent(hub: Hub, made: Path) -> None:
     assert not hub.repositories
 
 
+@pytest.mark.parametrize(
+    "name", ["", "touches", "datasets/our-lab/touches", "our lab/touches", "our--lab/touches"]
+)
+def test_a_name_that_no_repository_has_is_never_sent(hub: Hub, tmp_path: Path, name: str) -> None:
+    """Nor is anything verified: the release need not even be there."""
+    with pytest.raises(UsageError, match="is no name of a repository") as caught:
+        push_release(tmp_path / "none", name, judge_with(1), endpoint=hub.url)
+    assert "our-lab/my-dataset" in str(caught.value)
+    assert "Run the same command again" not in str(caught.value)
+    assert not hub.repositories
+
+
 def test_data_that_were_never_released(hub: Hub, source: Path) -> None:
     with pytest.raises(UsageError, match=r"no manifest\.json"):
         push(hub, source)
