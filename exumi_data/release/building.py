@@ -200,7 +200,7 @@ def _write_documents(
         release.previous,
         changes,
         plan.older_changelog,
-        plan.removal,
+        plan.hidden,
     )
     write_atomic(work / CHANGELOG_NAME, text.encode())
     return changes

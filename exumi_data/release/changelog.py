@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from exumi_data.release.changes import Changes, EpisodeChange, Kind
 from exumi_data.release.markdown import amount, plain
@@ -29,12 +30,12 @@ def changelog_of(
     previous: str | None,
     changes: Changes | None,
     older: str | None,
-    removal: Removal | None = None,
+    hidden: Removal | None = None,
 ) -> str:
     """Return the text of a changelog.
 
     What a field that may be private was, and is, is not told: a name that was taken out would stay
-    here for good.
+    here for good. So would one of the release before, where nothing is taken out of this one.
 
     Parameters
     ----------
@@ -47,10 +48,11 @@ def changelog_of(
         What differs from that; None of a first release.
     older : str or None
         The changelog of the release before.
-    removal : Removal, optional
-        What is taken out of the release.
+    hidden : Removal, optional
+        The people of this release and of the one before whom it must not name, and the kinds that
+        are taken out of the older text: that may have been written by hand.
     """
-    out = removal or Removal(frozenset())
+    out = hidden or Removal(frozenset())
     lines = [f"## {version}", ""]
     if changes is None or previous is None:
         lines.append("The first release.")
@@ -59,7 +61,8 @@ def changelog_of(
         lines += [
             f"Compared with {previous}:",
             "",
-            *(f"- {plain(line, most=None)}" for line in said),
+            # Cleaned once more: keys and names of splits are no values.
+            *(f"- {plain(_without_names(line, out), most=None)}" for line in said),
         ]
     entry = "\n".join(lines) + "\n"
     before = "" if older is None else older[older.find("\n## ") + 1 :] if "\n## " in older else ""
@@ -102,6 +105,10 @@ def change_lines(changes: Changes, *, hidden: Removal | None = None) -> Iterator
         yield f"{key}: {_value(key, before, hidden)}, now {_value(key, after, hidden)}"
 
 
+def _without_names(line: str, hidden: Removal) -> str:
+    return replace(hidden, kinds=frozenset(hidden.names.values())).cleaned(line)
+
+
 def _fields(fields: Mapping[str, tuple[object, object]], hidden: Removal | None) -> str:
     said = [
         f"{key} {_value(key, old, hidden)}, now {_value(key, new, hidden)}"
@@ -115,7 +122,8 @@ def _value(key: str, value: object, hidden: Removal | None) -> str:
         return "nothing"
     if hidden is not None:
         name = key.rpartition(".")[2]
-        left = without_private_fields({name: value}, key, lambda *_, **__: True, hidden)
+        every = replace(hidden, kinds=frozenset())  # of whatever kind, also of those that are kept
+        left = without_private_fields({name: value}, key, lambda *_, **__: True, every)
         if name not in left:
             return "something"
         value = left[name]

@@ -20,6 +20,7 @@ from exumi_data.release.licence import NO_LICENCE, canonical_licence, find_licen
 from exumi_data.release.markdown import amount
 from exumi_data.release.preview import choose_preview
 from exumi_data.release.privacy import (
+    KINDS,
     PrivateItem,
     Removal,
     check_kinds,
@@ -139,6 +140,9 @@ class Plan:
         What may be private, of the kinds that are kept and of those that are removed.
     removal : Removal or None
         What is taken out; None: nothing.
+    hidden : Removal or None
+        What the changelog does not tell: it speaks of the release before as well. None of a first
+        one.
     """
 
     source: Path
@@ -157,6 +161,7 @@ class Plan:
     notices: tuple[str, ...] = ()
     private: list[PrivateItem] = field(default_factory=list)
     removal: Removal | None = None
+    hidden: Removal | None = None
 
 
 def plan_release(
@@ -218,13 +223,16 @@ def plan_release(
         notices.append(
             "there is no split, so everybody will make their own: --split episode makes one"
         )
-    before, version, changes = None, wishes.version, None
+    before, version, changes, hidden = None, wishes.version, None, None
     if wishes.previous is not None:
         previous = wishes.previous
         before = tried(lambda: _version_of(previous, workers), None)
         if before is not None:
-            changes = tried(
-                lambda: _changes(previous, dataset, splits, metadata, removal, workers), None
+            changes, hidden = (
+                tried(
+                    lambda: _changes(previous, dataset, splits, metadata, removal, workers), None
+                ),
+                tried(lambda: _hidden(source, previous, wishes, workers), None),
             )
     if before is None or changes is not None:
         step = changes.step if changes is not None else None
@@ -258,6 +266,7 @@ def plan_release(
         notices=tuple(notices),
         private=private,
         removal=removal,
+        hidden=hidden,
     )
 
 
@@ -349,6 +358,13 @@ def _removal(
     if not any(one.kind in kinds for one in private):
         return None
     return replace(removal, names=people_of(source, workers=workers))
+
+
+def _hidden(source: Path, previous: Path, wishes: Wishes, workers: int | None) -> Removal:
+    """Return what the changelog does not tell: all that was not explicitly kept."""
+    kinds = frozenset(KINDS) - check_kinds(wishes.keep)
+    people = people_of(previous, workers=workers) | people_of(source, workers=workers)
+    return Removal(kinds, names={name: kind for name, kind in people.items() if kind in kinds})
 
 
 def _licence_text(source: Path, wishes: Wishes, licence: str | None) -> bytes:

@@ -14,7 +14,7 @@ from exumi_data.release.privacy.kinds import Kind, Take, check_kinds, shortened
 from exumi_data.release.privacy.structure import fitted, is_name_chosen, role_of, vocabulary
 from exumi_data.release.privacy.text import GONE, account_names, matches_in
 
-__all__ = ["Removal", "people_named", "without_private_fields"]
+__all__ = ["Removal", "people_named", "private_names", "without_private_fields"]
 
 _NAMED: dict[str, Kind] = {
     "operator": "operator",
@@ -103,10 +103,9 @@ class Removal:
     def cleaned(self, text: str) -> str:
         """Return a text without what is taken out, line breaks and all else as they were."""
         parts, end = [], 0
-        for match in matches_in(text, self.names):
-            if match.kind in self.kinds:
-                parts += [text[end : match.start], match.instead]
-                end = match.stop
+        for match in matches_in(text, self.names, self.kinds):
+            parts += [text[end : match.start], match.instead]
+            end = match.stop
         return "".join([*parts, text[end:]])
 
 
@@ -129,7 +128,7 @@ def without_private_fields(
     -------
     JSON value
     """
-    made = _Walk(document, where, take, removal or Removal(frozenset()), _names(document))
+    made = _Walk(document, where, take, removal or Removal(frozenset()), private_names(document))
     return made.value(document, "", 0)
 
 
@@ -145,11 +144,21 @@ def people_named(document: Any) -> dict[str, Kind]:
     dict of str to str
         Words, and the kind of each.
     """
-    return {name: kind for name, kind in _names(document).items() if kind in _PEOPLE}
+    return {name: kind for name, kind in private_names(document).items() if kind in _PEOPLE}
 
 
-def _names(document: Any) -> dict[str, Kind]:
-    """Return the words that are private wherever the document has them."""
+def private_names(document: Any) -> dict[str, Kind]:
+    """Return the words that are private wherever the document, or what it speaks of, has them.
+
+    Parameters
+    ----------
+    document : JSON value
+
+    Returns
+    -------
+    dict of str to str
+        Words, and the kind of each.
+    """
     found: dict[str, Kind] = {}
     for key, value in _strings(document, None, 0):
         kind = _kind_of_key(key)
@@ -224,7 +233,7 @@ class _Walk:
     def _text(self, text: str, pointer: str, *, is_key: bool = False) -> str:
         is_public = self.where == DATASET_DOCUMENT and pointer.startswith(_PUBLIC)
         names = self.names if is_public else {**self.removal.names, **self.names}
-        found = matches_in(text, names)
+        found = matches_in(text, names, self.removal.kinds or None)
         role = role_of(self.document, pointer, is_key=is_key) if found else "fixed"
         if role == "fixed":
             return text

@@ -172,7 +172,8 @@ class _Walk:
         elif box.kind in (b"XMP_", b"uuid"):
             skip = 0 if box.kind == b"XMP_" else 16
             if not skip or self._piece(box, 16) == _XMP_ID:
-                yield from xmp_patches(self._piece(box, _MAX_SMALL)[skip:], box.start + skip)
+                packet = self._piece(box, _MAX_SMALL)[skip:]
+                yield from xmp_patches(packet, box.start + skip, self.names)
         elif parent in (b"udta", b"ilst"):
             yield from self._said(box, parent)
 

@@ -11,7 +11,11 @@ from exumi_data.model.documents import load_json
 from exumi_data.model.images import EncodedImages, VideoImages
 from exumi_data.model.streams import images_of
 from exumi_data.release.privacy.avi import avi_patches, is_avi
-from exumi_data.release.privacy.documents import Removal, without_private_fields
+from exumi_data.release.privacy.documents import (
+    Removal,
+    private_names,
+    without_private_fields,
+)
 from exumi_data.release.privacy.exif import jpeg_patches
 from exumi_data.release.privacy.kinds import Kind, Take
 from exumi_data.release.privacy.matroska import is_matroska, matroska_patches
@@ -95,7 +99,9 @@ def scan_store(store: Store, take: Take, removal: Removal | None = None) -> Scan
         The episode cannot be read.
     """
     scan = Scan()
-    names = removal.names if removal is not None else {}
+    document = load_json(store.read(_DOCUMENT), f"{store.location}/{_DOCUMENT}")
+    # What the episode calls private is so in the heads of its files, too.
+    names = {**(removal.names if removal is not None else {}), **private_names(document)}
     _scan_documents(store, take, removal, scan)
     with Episode(store) as episode:
         for name, stream in episode.streams.items():
@@ -103,7 +109,7 @@ def scan_store(store: Store, take: Take, removal: Removal | None = None) -> Scan
             if isinstance(images, VideoImages):
                 _scan_videos(store, name, images, take, scan, names)
             elif isinstance(images, EncodedImages):
-                _scan_frames(store, name, take, scan)
+                _scan_frames(store, name, take, scan, names)
     return scan
 
 
@@ -154,7 +160,7 @@ def _scan_videos(  # of one stream
             scan.videos.append(FilePatches(name, index, file.name, start, size, found))
 
 
-def _scan_frames(store: Store, name: str, take: Take, scan: Scan) -> None:
+def _scan_frames(store: Store, name: str, take: Take, scan: Scan, names: Names) -> None:
     array = open_array(store, f"streams/{name}/data")
     offset = open_array(store, f"streams/{name}/offset").read().tolist()
     decided: dict[tuple[Kind, str, bool], bool] = {}
@@ -164,7 +170,7 @@ def _scan_frames(store: Store, name: str, take: Take, scan: Scan) -> None:
         head = array.bytes_at(start, min(size, _HEAD))
         read = _with_head(head, read_at(array, start, size))
         where = f"streams/{name}: JPEG frames"
-        found = _taken(jpeg_patches(read, size), where, take, decided)
+        found = _taken(jpeg_patches(read, size, names), where, take, decided)
         if found:
             scan.frames.append(FilePatches(name, index, f"frame {index}", start, size, found))
 

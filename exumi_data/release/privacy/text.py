@@ -1,8 +1,8 @@
 """What in a text may be private: paths, addresses, names of computers, positions."""
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from exumi_data.release.privacy.kinds import Kind
@@ -94,7 +94,11 @@ class Match:
     why: str
 
 
-def matches_in(text: str, names: Mapping[str, Kind] | None = None) -> list[Match]:
+def matches_in(
+    text: str,
+    names: Mapping[str, Kind] | None = None,
+    kinds: Collection[Kind] | None = None,
+) -> list[Match]:
     """List what in a text may be private, in order and without overlaps.
 
     Parameters
@@ -102,14 +106,20 @@ def matches_in(text: str, names: Mapping[str, Kind] | None = None) -> list[Match
     text : str
     names : mapping of str to str, optional
         Words that are private wherever they stand, and their kinds.
+    kinds : collection of str, optional
+        Only of these: a path that is kept must not keep the name in it. Default: all.
 
     Returns
     -------
     list of Match
     """
     every = list(_plain(text) if len(text) <= _REMEMBERED else _patterns(text))
-    named = named_in(text, names or {})
+    named = list(named_in(text, names or {}))
     every += [Match(kind, start, stop, GONE, why) for start, stop, kind, why in named]
+    if kinds is not None:
+        every = [match for match in every if match.kind in kinds]
+    if named:
+        every = [_without_names(match, names or {}, kinds) for match in every]
     found: list[Match] = []
     taken = -1
     for match in sorted(every, key=lambda match: (match.start, -match.stop)):
@@ -117,6 +127,20 @@ def matches_in(text: str, names: Mapping[str, Kind] | None = None) -> list[Match
             found.append(match)
             taken = match.stop
     return found
+
+
+def _without_names(
+    match: Match, names: Mapping[str, Kind], kinds: Collection[Kind] | None
+) -> Match:
+    """Return a match of a path, the last part of which stays, with no name in that."""
+    if match.kind != "path" or match.instead == GONE:
+        return match
+    parts, end = [], 0
+    for start, stop, kind, _ in sorted(named_in(match.instead, names)):
+        if start >= end and (kinds is None or kind in kinds):
+            parts += [match.instead[end:start], GONE]
+            end = stop
+    return replace(match, instead="".join([*parts, match.instead[end:]]))
 
 
 def account_names(text: str) -> set[str]:

@@ -13,7 +13,8 @@ from exumi_data.episode import open_episode
 from exumi_data.model import EpisodeMetadata
 from exumi_data.model.dataset import DatasetMetadata, SplitDocument
 from exumi_data.release.changelog import change_lines, changelog_of
-from exumi_data.release.changes import Changes, EpisodeChange, compare
+from exumi_data.release.changes import Changes, EpisodeChange, SplitChange, compare
+from exumi_data.release.privacy import Removal
 from exumi_data.store.pack import pack
 from tests.exumi_data.builders import episode_id, write_dataset, write_small
 
@@ -151,6 +152,18 @@ def test_changelog_keeps_what_was_said(original: Path, tmp_path: Path) -> None:
         "## 1.0.0",
     ]
     assert three.endswith("## 1.0.0\n\nThe first release.\n")
+
+
+def test_a_changelog_names_nobody_in_keys_and_in_names_of_splits() -> None:
+    fields = {"acme:notes.by Zelda": (1, None), "task.name": ("way of Zelda", "way")}
+    episode = EpisodeChange(IDS[0], "relabelled", fields)
+    changes = Changes(0, (episode,), (SplitChange("of-zelda", "removed"),), {})
+    hidden = Removal(frozenset({"operator"}), names={"Zelda": "operator"})
+    text = changelog_of("my data", "2.0.0", "1.0.0", changes, None, hidden)
+    assert "acme:notes.by removed something, now nothing" in text
+    assert "split of-removed removed" in text
+    assert f": {IDS[0]}" in text
+    assert "zelda" not in text.lower()
 
 
 def test_a_thousand_ways_of_relabelling_make_few_lines() -> None:

@@ -180,3 +180,36 @@ def test_a_changelog_does_not_tell_who_was_taken_out(
     assert 'task.instruction "as removed does", now "as removed did"' in text
     assert "Thanks to removed." in text
     assert "Lovelace" not in text
+
+
+def test_a_changelog_does_not_tell_who_was_in_the_release_before(
+    named: Path, tmp_path: Path, release: Release
+) -> None:
+    signed = ("email",)
+
+    def said(operator: str | None, thing: str) -> None:
+        for number in (0, 1):
+            folder = named / episode_path(episode_id(number))
+            edit_metadata(
+                folder, lambda it: it.update(operator=operator, annotations={"object": thing})
+            )
+        write_catalog(named, build_catalog(named)[0])
+
+    said("Ada Lovelace", "Ada Lovelace's mug")
+    release(named, tmp_path / "one", keep=("operator", *signed))
+    old = tmp_path / "one" / "CHANGELOG.md"
+    noted = "\nBy Ada Lovelace, see /data/shelf/notes.txt, mail grace@example.org, 0.2 N.\n"
+    old.write_text(old.read_text() + noted)
+    write_manifest(tmp_path / "one")
+    said(None, "mug")
+    # Nothing is taken out of this release: the names stand in the one before only.
+    release(named, tmp_path / "two", keep=signed, previous=tmp_path / "one")
+    text = (tmp_path / "two" / "CHANGELOG.md").read_text()
+    assert 'annotations.object "removed\'s mug", now "mug"' in text
+    assert "operator something, now nothing" in text
+    # What was written by hand goes through the same gate: what is not kept is taken out.
+    assert "\nBy removed, see notes.txt, mail grace@example.org, 0.2 N.\n" in text
+    release(named, tmp_path / "three", keep=("operator", *signed), previous=tmp_path / "one")
+    kept = (tmp_path / "three" / "CHANGELOG.md").read_text()
+    assert 'annotations.object "Ada Lovelace\'s mug", now "mug"' in kept
+    assert "\nBy Ada Lovelace, see notes.txt" in kept

@@ -1,6 +1,6 @@
 import pytest
 
-from exumi_data.release.privacy.documents import without_private_fields
+from exumi_data.release.privacy.documents import Removal, without_private_fields
 from exumi_data.release.privacy.kinds import Kind
 from exumi_data.release.privacy.text import account_names, matches_in
 
@@ -134,6 +134,46 @@ def test_fields_of_third_parties_in_whatever_form(said: dict[str, object], kind:
 )
 def test_names_in_other_forms_and_in_part(name: str, text: str, found: list[str]) -> None:
     assert [text[one.start : one.stop] for one in matches_in(text, {name: "operator"})] == found
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "found"),
+    [
+        ("Anna Kowalska", "anna_kowalska_take1", ["anna_kowalska"]),
+        ("Anna Kowalska", "2026_Kowalska_03.mp4", ["Kowalska"]),
+        ("Anna Kowalska", "Anna_Kowalska mug", ["Anna_Kowalska"]),
+        ("Anna Kowalska", "kowalska2.mp4, kowalska.mp4", ["kowalska", "kowalska"]),
+        ("Anna Kowalska", "AnnaKowalska3 and AnnaKowalskaX", ["AnnaKowalska"]),
+        ("Anna Kowalska", "--operator=anna-kowalska", ["anna-kowalska"]),
+        ("p01", "p01_take3.mp4, P01take5, p011, xp01", ["p01", "P01"]),
+        ("Zoë Müller", "zoe_muller_1", ["zoe_muller"]),
+        ("pilot 7 1", "pilot7_1, pilot 71, pilot 7.1", ["pilot7_1"]),
+        # Codes, numbers, units and words.
+        ("Ada", "ada2026.mp4, 4ada312, 1ada2", ["ada"]),
+        ("Ada", "12345678-1ada-4a0e-9d7c-3f2f6a1c9e10", []),
+        ("Ada", f"sha256:{'0' * 30}ada{'1' * 31}", []),
+        ("e12", "1e12 and 0be12f, by e12", ["e12"]),
+        ("12345", "12345Hz, x12345, 12345_a", ["12345"]),
+        ("robot", "robot_pose of a robot", ["robot"]),
+        ("Jan Left", "left_tactile, tactile_left", []),
+        ("Mark", "mark_start, Mark_1", ["Mark"]),
+    ],
+)
+def test_names_as_they_stand_in_names_of_files(name: str, text: str, found: list[str]) -> None:
+    assert [text[one.start : one.stop] for one in matches_in(text, {name: "operator"})] == found
+
+
+def test_a_name_in_a_path_that_is_kept_or_made_shorter() -> None:
+    names: dict[str, Kind] = {"Ada Lovelace": "operator"}
+    text = "from /data/ada_lovelace/lovelace_1.mp4"
+    kept = Removal(frozenset({"operator"}), names=names)
+    assert kept.cleaned(text) == "from /data/removed/removed_1.mp4"
+    shortened = Removal(frozenset({"operator", "path"}), names=names)
+    assert shortened.cleaned(text) == "from removed_1.mp4"
+    assert Removal(frozenset({"path"}), names=names).cleaned(text) == "from lovelace_1.mp4"
+    document = {"note": text}
+    made = without_private_fields(document, "zarr.json", lambda *_, **__: True, kept)
+    assert made == {"note": "from /data/removed/removed_1.mp4"}
 
 
 def test_that_only_operators_have_parts() -> None:
