@@ -249,20 +249,38 @@ def open_dataset(path: str | os.PathLike[str]) -> Dataset:
     """
     remote = is_url(path)
     source = os.fsdecode(path)
-    try:
-        raw = _read_document(source, DATASET_DOCUMENT)
-    except FileNotFoundError:
-        if not remote and is_unfinished(Path(path)):
-            raise unfinished(path) from None
-        raise NotAnEpisodeError(
-            "no dataset.json: not an exUMI dataset",
-            where=path,
-            fix="Make one with: exumi convert SRC DST",
-        ) from None
-    metadata = parse_dataset(raw, without_secrets(f"{source}/{DATASET_DOCUMENT}"))
+    metadata = read_metadata(source)
     table = _remote_catalog(source) if remote else _local_catalog(Path(path))
     _check_ids(without_secrets(source), table)
     return Dataset(source.rstrip("/") or "/", metadata, table)
+
+
+def read_metadata(source: str) -> DatasetMetadata:
+    """Read ``dataset.json``.
+
+    Parameters
+    ----------
+    source : str
+        The dataset's folder, or its URL.
+
+    Raises
+    ------
+    NotAnEpisodeError
+        There is none, or the dataset is not finished.
+    MetadataError, UnsupportedError
+        It breaks the standard, or is newer.
+    """
+    try:
+        raw = _read_document(source, DATASET_DOCUMENT)
+    except FileNotFoundError:
+        if not is_url(source) and is_unfinished(Path(source)):
+            raise unfinished(source) from None
+        raise NotAnEpisodeError(
+            "no dataset.json: not an exUMI dataset",
+            where=source,
+            fix="Make one with: exumi convert SRC DST",
+        ) from None
+    return parse_dataset(raw, without_secrets(f"{source}/{DATASET_DOCUMENT}"))
 
 
 def _read_document(source: str, path: str) -> bytes:

@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from exumi_data.catalog import build_catalog, rows_to_table
-from exumi_data.dataset import DATASET_DOCUMENT, Dataset
+from exumi_data.dataset import Dataset, read_metadata
 from exumi_data.editing.copying import chosen_of
 from exumi_data.editing.documents import write_splits
 from exumi_data.errors import DamagedDataError, ExumiError, MetadataError, NotAnEpisodeError
-from exumi_data.model.documents import MAX_DOCUMENT_BYTES, parse_dataset
 from exumi_data.store.files import sync_folder, write_atomic
-from exumi_data.store.plain_files import read_plain
 
 __all__ = [
     "TOMBSTONE",
@@ -91,13 +89,10 @@ def find_unreadable(root: Path, on_done: Callable[[int], None] = lambda _done: N
 
     Raises
     ------
-    MetadataError, UnsupportedError
-        ``dataset.json`` breaks the standard, or is newer.
-    FileNotFoundError
-        There is none.
+    NotAnEpisodeError, MetadataError, UnsupportedError
+        There is no ``dataset.json``, or it breaks the standard, or is newer.
     """
-    document = root / DATASET_DOCUMENT
-    metadata = parse_dataset(read_plain(document, MAX_DOCUMENT_BYTES), document)
+    metadata = read_metadata(str(root))
     done = count(1)
     table, failed = build_catalog(root, on_done=lambda _outcome: on_done(next(done)))
     # Once more, here: what was for a moment is over, and a worker does not tell what caused it.

@@ -30,6 +30,7 @@ from exumi_data.release.privacy import (
     people_of,
     unresolved,
 )
+from exumi_data.release.privacy.patches import CLEANING_COMMAND
 from exumi_data.release.verifying import verify_release
 from exumi_data.release.versions import AUTO, decide_version
 from exumi_data.splits import Level, leaks_of, make_split
@@ -313,10 +314,7 @@ def _by_hand(where: str) -> str:
         return "make the split anew"
     if "#" in where:
         return "give it another name (exumi dataset relabel, or where it was made)"
-    return (
-        "take it out of the source file (ffmpeg -i IN -map 0 -c copy -map_metadata -1 OUT) and "
-        "convert that"
-    )
+    return f"take it out of the source file ({CLEANING_COMMAND}) and convert that"
 
 
 def _describe(metadata: DatasetMetadata, wishes: Wishes) -> None:

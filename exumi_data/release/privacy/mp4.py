@@ -178,10 +178,10 @@ class _Walk:
             yield from self._said(box, parent)
 
     def _said(self, box: _Box, parent: bytes) -> Iterator[Patch]:
+        if box.kind == b"free":
+            return
         if box.size > _MAX_SMALL:
             name = printable(box.kind)
-            if box.kind == b"free":
-                return
             yield _freed(box, "gps", name, "a part of the file's own description too long to read")
             return
         content = self._piece(box, _MAX_SMALL)

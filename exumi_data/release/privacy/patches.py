@@ -5,7 +5,12 @@ from dataclasses import dataclass
 
 from exumi_data.release.privacy.kinds import Kind
 
-__all__ = ["Patch", "ReadAt", "printable", "zeros"]
+__all__ = ["CLEANING_COMMAND", "Patch", "ReadAt", "printable", "zeros"]
+
+CLEANING_COMMAND = (
+    "ffmpeg -i IN -map 0:v -map '0:a?' -c copy -map_metadata -1 -fflags +bitexact OUT"
+)
+"""Makes a video of nothing but its pictures and sound, without tags and subtitles."""
 
 _MOST_BYTES = 64 << 20
 

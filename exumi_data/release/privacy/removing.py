@@ -35,6 +35,7 @@ from exumi_data.release.privacy.documents import Removal, without_private_fields
 from exumi_data.release.privacy.finding import people_of
 from exumi_data.release.privacy.kinds import Kind, PrivateItem, shortened
 from exumi_data.release.privacy.patched_store import PatchedStore, spread
+from exumi_data.release.privacy.patches import CLEANING_COMMAND
 from exumi_data.release.privacy.scanning import FilePatches, Scan, scan_store
 from exumi_data.release.privacy.text import GONE
 from exumi_data.store import jpeg
@@ -126,8 +127,8 @@ def _advice(where: str) -> str:
     if "#" in where:
         return "Keep it, or give it another name: exumi dataset relabel, or where it was made."
     return (
-        "Keep it, leave the stream out, or take it out of the source file (ffmpeg -i IN -map 0 -c "
-        "copy -map_metadata -1 -fflags +bitexact OUT) and convert that."
+        "Keep it, leave the stream out, or take it out of the source file "
+        f"({CLEANING_COMMAND}) and convert that."
     )
 
 

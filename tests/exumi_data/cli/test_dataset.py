@@ -149,6 +149,13 @@ def test_what_may_be_whole_is_not_removed_as_unreadable(
     assert all(path.exists() for path in paths)
 
 
+def test_of_what_is_no_dataset_nothing_is_removed_as_unreadable(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "nowhere"):
+        done = run("remove", path, "--unreadable", "--reason", "why", "--dry-run")
+        assert done.exit_code == 2
+        assert "no dataset.json: not an exUMI dataset" in done.output
+
+
 def test_unreadable_episodes_are_not_chosen_otherwise(root: Path) -> None:
     refused = run("remove", root, "--unreadable", "--all", "--reason", "why", "--yes")
     assert refused.exit_code == 2
